@@ -10,11 +10,14 @@ from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.log.keyframes import Keyframe
 from pcpc.executive.loop import keyframe_layout as layout
 from pcpc.executive.loop.layout import Loop
+from pcpc.executive.loop.variables import REFUSALS
 from pcpc.executive.nodes import planned_drive
 from pcpc.executive.nodes.acting_faults import Seam
 from pcpc.executive.nodes.part import Part, Plan
 
-_MEASURED = ("late", "skipped", "sent", "send_errors", "bus_errno", "wake_max_ns")  # control words
+_MEASURED = ("late", "skipped", "sent", "send_errors", "bus_errno", "wake_max_ns",
+             "refused")  # fmt: skip  # control words; no log holds what was refused
+_REFUSALS = {name for name, *_ in REFUSALS}
 _ANY_NUMBER = ("input", "output", "received", "sent")  # kinds of variables
 _LARGEST = 2.0**53  # a law that counts more ticks would look beside its rings
 
@@ -91,7 +94,7 @@ def differences(made: Plan, one: bytes, other: bytes) -> Iterator[tuple[str, Any
         for i in (i for i in range(len(old)) if old[i].tobytes() != new[i].tobytes()):
             if record:
                 yield f"{record}.{name}[{i}]", old[i].item(), new[i].item()
-            elif not variables[i].timing:
+            elif not variables[i].timing and variables[i].name not in _REFUSALS:
                 yield variables[i].name, float(old[i]), float(new[i])
 
 

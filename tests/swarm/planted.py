@@ -35,6 +35,27 @@ PLANTED: dict[str, tuple[str, str, str]] = {  # file, what stands there, what st
     "recorder: a keyframe a cycle late": (
         "executive/log/recorder.py", '"keyframes", stamp_ns, cycle, state',
         '"keyframes", stamp_ns, cycle + 1, state'),
+    "recorder: a tuning in single precision": (
+        "executive/log/event_entries.py", 'return "tunings", {"name": variables[argument][0], ',
+        'value = float(f"{number:.7g}")\n'
+        '        return "tunings", {"name": variables[argument][0], '),
+    "replay: refused requests are compared": (
+        "executive/nodes/planned_keyframes.py", "and variables[i].name not in _REFUSALS", ""),
+    "lanes: the first tuning": (
+        "executive/batch/group.py", "seat.n.tuning.done = 0",
+        "seat.n.tuning.done = min(seat.n.tuning.n, 1)"),
+    "branch: what a client asked": (
+        f"{_AFTER}/branch/branching.py", "if name in index and cycle > node.last:",
+        "if name in index and cycle > node.last and cycle in "
+        "[one[0] for one in node.replay.plan.schedule]:"),
+    "judge: another sender is no loss": (
+        f"{_AFTER}/verdict/frames.py", 'if counts["foreign"]:', 'if counts["foreign"] > 5:'),
+    "keyframe: a robot's drive is left out": (
+        "executive/nodes/planned_keyframes.py",
+        'layout.OF_DRIVE if profile == "cia402" else layout.OF_ROBOT', "layout.OF_DRIVE"),
+    "plan: slow frames a cycle later": (
+        "drivers/can/frames.py", "max(1, round(self.cycle_ms * rate_hz / 1000))",
+        "max(1, int(self.cycle_ms > 1) + round(self.cycle_ms * rate_hz / 1000))"),
     "keyframe: a record is left out": (
         f"{_LOOP}/keyframe_layout.py", "in {**KEPT, **more}.items()",
         'in [one for one in {**KEPT, **more}.items() if one[0] != "guard"]'),
@@ -246,9 +267,9 @@ def tried(for_s: float, seed: int, folder: Path) -> None:
     while not found and time.process_time() - begin_s < for_s:
         row = checked(_world(seed + count, short))
         count, cycles, found = count + 1, cycles + row.cycles, row.found
-    short = {promise: lines[0][:160] for promise, lines in found.items()}
+    lines_of = {promise: lines[0][:160] for promise, lines in found.items()}
     spent_s = round(time.process_time() - begin_s, 1)
-    told = {"seeds": count, "cycles": cycles, "spent_s": spent_s, "found": short}
+    told = {"seeds": count, "cycles": cycles, "spent_s": spent_s, "found": lines_of}
     (folder / "told").write_text(json.dumps(told))
 
 

@@ -16,6 +16,7 @@ from json_schemas import strictly_holds
 from logcommand import run_here
 from places import ROOT
 
+from pcpc.drivers.can.frames import Frame
 from pcpc.tools.study.swarm import cli, draws, features, shrink
 from pcpc.tools.study.swarm.features import ODD
 from pcpc.tools.study.swarm.files import World, write
@@ -150,6 +151,34 @@ def test_a_wrong_value_of_a_damaged_log_is_told(monkeypatch: pytest.MonkeyPatch)
     assert not any(found())
     monkeypatch.setattr("pcpc.executive.log.reader.read", read)
     assert any(found())
+
+
+@pytest.mark.parametrize(
+    ("act", "place", "spoil"),
+    [
+        ({"send": 2}, "pcpc.tools.after.verdict.summary.verdict_of", lambda true: lambda *_: "ok"),
+        ({"set": {"controller.first": 2.0}}, "pcpc.tools.study.swarm.oracle.TUNABLE", tuple),
+        ({"set": {"controller.first": 1e9}}, "pcpc.executive.nodes.planned_keyframes._REFUSALS",
+         lambda true: set()),
+    ],
+)  # fmt: skip
+def test_what_others_do_is_taken_as_it_must_be(
+    act: World, place: str, spoil: Spoil, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    acts = [{"cycle": 5, **act}]
+    assert cli.checked(world(acts=acts)).found == {}
+    monkeypatch.setattr(place, spoil(()))
+    assert cli.checked(world(acts=acts)).found
+
+
+def test_slow_frames_that_come_late_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = world()
+    slow = draws._frame(features.Drawing(1), ["slow"], False, 0)
+    one["plants"][0]["slow"] = slow | {"ms": 20}
+    assert cli.checked(one).found == {}
+    true = Frame.every_n
+    monkeypatch.setattr(Frame, "every_n", lambda *of: true(*of) + (of[0].name == "SLOW_1"))
+    assert "SLOW_1 came in cycles" in str(cli.checked(one, ["frames"]).found)
 
 
 def test_every_promise_has_a_planted_fault() -> None:

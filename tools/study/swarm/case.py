@@ -1,9 +1,13 @@
 """A world in its folder: its rig, and the log of its run."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from pcpc.drivers.can.wire import deliver
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import Rig, load_rig
@@ -18,16 +22,37 @@ from pcpc.tools.terminal.progress import Progress
 QUIET = Progress(quiet=True)
 
 
-class Asking(Progress):
-    """Asks a run to end once it has come to a cycle, as its user may; None: never."""
+class Others(Progress):
+    """What a user and another sender do to a run, once it has come to a cycle."""
 
-    def __init__(self, run: VirtualRun, cycle: int | None) -> None:
+    def __init__(self, run: VirtualRun, acts: list[World]) -> None:
         super().__init__(quiet=True)
-        self._run, self._cycle = run, cycle
+        self._run, self._left = run, acts
+        self.done: list[tuple[str, int, World]] = []  # to which node, behind which pass
 
     def show(self, line: str) -> None:
-        """Look how far the run is, which is told behind each of its pieces."""
-        if self._cycle is not None and self._run.blocks[0].loop.passes >= self._cycle:
+        """Do the next one, if it is time: a run comes here behind each of its pieces."""
+        blocks = self._run.blocks
+        if not self._left or blocks[0].loop.passes < self._left[0]["cycle"]:
+            return
+        act = self._left.pop(0)
+        place = int(act.get("node", "executive") != "executive")
+        block, made = blocks[place], self._run.plans[place]
+        self.done.append((block.description["node"], int(block.loop.passes), act))
+        if "set" in act:
+            index = made.table.index
+            block["mail_index"][: len(act["set"])] = [index[name] for name in act["set"]]
+            block["mail_value"][: len(act["set"])] = [*act["set"].values()]
+            block.mail.count = len(act["set"])
+            block.mail.request += 1
+        elif "send" in act:
+            wire = block.loop.wire
+            for count in range(act["send"]):
+                frame: Any = np.full(wire.inbox.shape[1], count, np.uint8)
+                word = int(made.tx_frames[-1].word)
+                frame[:8] = [*word.to_bytes(4, "little"), 8, 0, 0, 0]
+                deliver(frame, wire)
+        else:
             self._run.stop()
 
 
@@ -39,6 +64,7 @@ class Case:
     folder: Path
     laws: Path | None = None  # see `files.write`
     cycles: int = 0  # done for it, by all ways
+    acts: list[tuple[str, int, World]] = field(default_factory=list)  # done by Others
 
     @cached_property
     def rig(self) -> Rig:
@@ -88,7 +114,9 @@ class Case:
         """Run it into a log."""
         self._outcome = Outcome("virtual", "memory", changed=[])
         run = VirtualRun(self.rig, path)
-        to_end(run, self._outcome, Asking(run, self.world.get("asked")))
+        others = Others(run, [*self.world.get("acts", ())])
+        to_end(run, self._outcome, others)
+        self.acts = others.done
         self.count(run)
         return path
 

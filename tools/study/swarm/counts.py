@@ -1,4 +1,4 @@
-"""What is said of frames that did not come: counts of a run, drawn at the rig's limits.
+"""Counts: of frames that did not come, drawn at the rig's limits; of cycles between slow frames.
 
 On a drawn rig's bus no frame is repeated; a judge may forget those all the same.
 """
@@ -8,9 +8,12 @@ import dataclasses
 import random
 from collections.abc import Iterator
 
+import numpy as np
+
 from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.summary import Summary, summarise
 from pcpc.tools.study.swarm.case import Case
+from pcpc.tools.study.swarm.files import frames_of
 
 _LIMITS = {  # of the rig's errors, by what is counted
     "crc_errors": "crc", "repeated": "repeated", "wrong_sequence": "wrong_sequence",
@@ -32,6 +35,17 @@ def judged(case: Case) -> Iterator[str]:
         if there <= most and told != wanted:
             yield f"{count} {name}, of which {most} are allowed: {told}, not {wanted}"
     yield from _account(case, role, draw.choice([*_STATES]))
+
+
+def paced(case: Case) -> Iterator[str]:
+    """Yield slow frames that their node sent sooner or later than the rig says."""
+    still = any(one.kind == "stall" for one in case.rig.config.faults.values())
+    for name, word, frame, role, _ in () if still else frames_of(case.world):
+        rows = case.log.node[role].frames
+        sent = rows["cycle"][(rows["id"] == word) & (rows["direction"] == 0)]
+        every = max(1, round(1e-3 * frame.get("ms", 0) * case.world["rate_hz"]))
+        if (np.diff(sent)[:-1] != every).any():
+            yield f"{role}: {name} came in cycles {sent.tolist()[:4]}, not each {every}"
 
 
 def _told(case: Case, role: str, name: str, more: int) -> Summary:

@@ -5,27 +5,28 @@ rig file; a share of worlds is made wrong in one place, see WRONG.
 """
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
-from pcpc.executive.loop.fault_kinds import WrongFrame, WrongNode, WrongValue
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.study.swarm.expressions import SHAPES
-from pcpc.tools.study.swarm.features import KINDS, ODD, RATES_HZ, REFERENCES, SLOW_MS, Drawing
-from pcpc.tools.study.swarm.files import SPAN, World, nodes
+from pcpc.tools.study.swarm.features import RATES_HZ, REFERENCES, SLOW_MS, Drawing
+from pcpc.tools.study.swarm.files import (
+    DRIVES,
+    SPAN,
+    WORDS,
+    World,
+    bits_of,
+    frames_of,
+    nodes,
+)
+from pcpc.tools.study.swarm.histories import acts, faults, ms, schedule
 
 MOST_CYCLES, WRONG_SHARE, MANY_SHARE, PLAIN_SHARE = 1600, 0.05, 0.01, 0.25
-TIMES = 1, 3, 10, 30  # as many, of the cycles of a history
+TIMES: tuple[int, ...] = (1, 3, 10, 30)  # as many, of the cycles of a history
 PLACES = "branch", "keyframe", "cut", "flip", "sample"  # of promises, each a share of the run
 _LENGTHS = 8, 8, 8, 12, 16, 24, 32, 48, 64
-_FAULT_KEYS = ("kind", "at", "frame", "node", "data_of", "how", "goes_on", "value", "share",
-               "burst", "from", "for", "every", "times", "x")  # fmt: skip
-_ODD_VALUES: tuple[Any, ...] = (
-               None, True, [], {}, "", "x", "loss", "FB_1", "plant", "freeze", "0s", "-1ms",
-               "999999999min", 0, -1, 1, 3.5, 2**64, -(2**63), 5e-324, 1e300, float("nan"),
-               float("inf"))  # fmt: skip
 WRONG: dict[str, tuple[tuple[Any, ...], Any]] = {  # what is wrong: where, and by what
     "rate": (("rate_hz",), -5),
     "word": (("supervizor",), {}),
@@ -74,20 +75,17 @@ def _drawn(d: Drawing, world: World, keys: World) -> None:
     world["cycles"] //= 4 if count > 3 else 1
     if d.has(PLAIN_SHARE, "plain"):  # most of what follows keeps a rig from lanes
         d.often = 0.15
-    world["plants"] = [_plant(d) for _ in range(count)]
+    world["plants"] = [_plant(d, count < 9) for _ in range(count)]  # a node has 32 frames
     _supervision(d, world, keys)
     _values(d, world, keys)
     _bus(d, world, keys)
-    protected: dict[str, bool] = {}
+    protected = {name: frame["crc"] > 0 for name, _, frame, *_ in frames_of(world)}
     places = ["controller.position"]
     for role, i in nodes(world).items():
-        one = world["plants"][i - 1]
-        protected |= {f"CMD_{i}": one["command"]["crc"] > 0, f"FB_{i}": one["back"]["crc"] > 0}
         places += [f"tx.CMD_{i}.command", f"{role}:tx.FB_{i}.position", f"{role}:lag.command"]
-    if d.has(0.1, "end asked"):
-        world["asked"] = d.random.randint(1, world["cycles"])
-    _faults(d, world, keys, protected, places, ("executive", *nodes(world)))
-    _schedule(d, world, keys, {"controller.first": (0.1, 5.0), "controller.second": (-5.0, 5.0)})
+    acts(d, world)
+    faults(d, world, keys, protected, places, ("executive", *nodes(world)))
+    schedule(d, world, keys, {"controller.first": (0.1, 5.0), "controller.second": (-5.0, 5.0)})
     if d.has(WRONG_SHARE, "wrong rig"):
         world["wrong"] = [[list(path), value] for path, value in [d.one(*WRONG.values())]]
 
@@ -97,7 +95,7 @@ def _keyframes(d: Drawing, world: World, keys: World) -> None:
     rate_hz, many = world["rate_hz"], d.one(1, 1, 1, world["cycles"] // 300 + 1)
     cycles = d.random.randint(10, 300) * (world["cycles"] // 300 + 1) // many
     world["every"] = max(cycles, math.ceil(0.1 * rate_hz))
-    keys["record"] = {"keyframe": _ms(world, world["every"])}
+    keys["record"] = {"keyframe": ms(world, world["every"])}
 
 
 def _around(d: Drawing, world: World, keys: World, rig: Rig) -> None:
@@ -119,15 +117,15 @@ def _around(d: Drawing, world: World, keys: World, rig: Rig) -> None:
         and 1.25 * top.values.get(place, 0.0) <= one.high
     }
     protected = {one.name: one.protected for one in awaited}
-    _faults(d, world, keys, protected, places, rig.roles)
+    faults(d, world, keys, protected, places, rig.roles)
     if not rig.config.schedule:
-        _schedule(d, world, keys, known)
+        schedule(d, world, keys, known)
 
 
 # Plants and their frames
 
 
-def _plant(d: Drawing) -> World:
+def _plant(d: Drawing, few: bool) -> World:
     reference = d.named("{}", *REFERENCES)
     d.features.append(reference)
     layouts = d.random.randint(2, 4) if d.has(0.15, "multiplexer") else 0
@@ -142,6 +140,8 @@ def _plant(d: Drawing) -> World:
         "command": _frame(d, ["command"], True, 0),
         "back": _frame(d, ["position", "other"][: d.random.randint(1, 2)], False, layouts, presses),
         "press_s": d.near(0.01, 2.0) if presses else 1e6,
+        "slow": few and d.has(0.3, "slow frame")
+        and _frame(d, ["slow"], False, 0) | {"ms": d.one(*SLOW_MS)},
     }  # fmt: skip
 
 
@@ -180,7 +180,7 @@ def _frame(
             signals["crc"] = _signal(first, 16, whole=True)
             signals["counter"] = _signal(first + 16, 8, whole=True)
         for one in signals.values():
-            used |= _bits(one)
+            used |= {*bits_of(one)}
         if crc:  # the whole byte of a counter is its own
             used |= {8 * (signals["counter"]["start"] // 8) + bit for bit in range(8)}
         if downwards:
@@ -216,24 +216,12 @@ def _placed(d: Drawing, used: set[int], length: int, bits: int, kind: str, **mor
     bits, big = 32 if kind == "float" else bits, d.has(0.3)
     for start in d.random.sample(range(8 * length), 8 * length):
         one = _signal(start, bits, kind, big=big, **more)
-        its = _bits(one)
+        its = {*bits_of(one)}
         whole = max(its) < 8 * length and max(its) // 8 - min(its) // 8 < 8
         if whole and not its & used:
             used |= its
             return one
     return {}
-
-
-def _bits(one: World) -> set[int]:
-    """Return the bits of a frame in which a signal lies, by their numbers in a DBC file."""
-    at, found = one["start"], set()
-    for _ in range(one["bits"]):
-        found.add(at)
-        if one["big"]:
-            at = at - 1 if at % 8 else at + 15
-        else:
-            at += 1
-    return found
 
 
 # What the rig makes of frames and values
@@ -293,108 +281,19 @@ def _bus(d: Drawing, world: World, keys: World) -> None:
         if d.has(0.6, "bit errors"):
             keys["bus"]["bit_error_rate"] = d.one(1e-5, 1e-4, 1e-3)
             keys["bus"]["error_burst"] = d.one(1, 3)
+    elif len(world["plants"]) == 1 and d.has(0.06, "drive"):
+        _drive(d, world, keys)
     if d.has(0.2, "losses"):
         frame = d.one("CMD_1", "FB_1")
         keys["losses"] = {frame: {"share": d.near(0.01, 0.3), "burst": d.one(1, 2, 4)}}
 
 
-def _faults(
-    d: Drawing, world: World, keys: World, protected: dict[str, bool], places: list[str],
-    roles: Sequence[str],
-) -> None:  # fmt: skip
-    """Draw faults: of `protected` frames or others, of values at `places`, of nodes."""
-    if not d.has(0.65, "faults"):
-        return
-    frames = [one for one in KINDS if one.startswith("frame")]
-    features = [one for one in KINDS if one in d.sure]
-    features += d.random.choices((*KINDS, *frames), k=d.random.randint(1, 4))
-    found: World = {}
-    for i, feature in enumerate(features):
-        kind: Any = KINDS[feature]
-        names = [one for one in protected if protected[one] or not kind.row.protected]
-        if not names:
-            continue
-        name = d.one(*names)
-        if kind is WrongNode.STALL and len(roles) > 2:
-            continue
-        entry: World = {"kind": kind.word}
-        if isinstance(kind, WrongValue):
-            entry |= {"at": d.one(*places), "value": d.near(0.01, 5.0)}
-        elif isinstance(kind, WrongFrame):
-            entry["frame"] = name
-            entry["value"] = d.random.randint(1, 8)
-        else:
-            entry["node"] = d.one(*roles)
-            entry["value"] = d.random.randint(1, 40)
-        if not kind.row.sized:
-            entry.pop("value", None)
-        if kind.row.hows:
-            entry["how"] = d.one(*kind.row.hows)
-            if entry["how"] in ("freeze", "random"):
-                entry.pop("value", None)
-        if kind.row.copies:
-            entry["data_of"] = name
-        if d.has(0.4, "share of a fault") and not isinstance(kind, WrongNode):
-            entry["share"] = d.near(0.05, 0.9)
-            entry["burst"] = d.one(1, 2, 5)
-        entry |= _moments(d, world)
-        if world["plants"] and d.has(0.08, ODD):
-            for key in d.random.sample(_FAULT_KEYS, d.one(1, 1, 2)):
-                if d.random.random() < 0.5:
-                    entry.pop(key, None)
-                else:
-                    words = (one.word for one in KINDS.values())
-                    entry[key] = d.one(*_ODD_VALUES, *places, *protected, *words, "5ms", "20ms")
-        d.features.append(feature)
-        found[f"f{i}"] = entry
-    keys["faults"] = found
-
-
-def _moments(d: Drawing, world: World) -> World:
-    """Return when a fault acts, in whole cycles."""
-    cycles = world["cycles"]
-    begin, most = _moment(d, world, max(cycles - 20, 2)), d.one(1, 3, 12, 60)
-    found = {"from": _ms(world, begin), "for": _ms(world, d.random.randint(1, most))}
-    if d.has(0.15, "fault again"):
-        seldom = cycles // 200  # of some faults: a node's schedule holds 1,024 beginnings and ends
-        found["every"] = _ms(world, seldom + d.random.randint(most + 2, 200 + most))
-    return found
-
-
-def _moment(d: Drawing, world: World, last: int) -> int:
-    """Return a cycle from 1 to the last; often one at a keyframe, where a replay has a seam."""
-    cycle = d.random.randint(1, last)
-    if d.random.random() < 0.4:
-        cycle += world["every"] - 1 - cycle % world["every"] + d.one(-1, 0, 0, 1)
-    return min(cycle, last)
-
-
-def _ms(world: World, cycles: int) -> str:
-    return f"{1e3 * cycles / world['rate_hz']:.9g}ms"
-
-
-def _schedule(d: Drawing, world: World, keys: World, known: dict[str, tuple[float, float]]) -> None:
-    """Draw what an operator does; `known`: what may be tuned, and between which values."""
-    period_s = 1.0 / world["rate_hz"]
-    rows: list[World] = []
-    free = world["plants"] and "fallback" not in keys.get("overrun", {})
-    if free and d.has(0.25, "standby"):
-        keys["standby"] = ["second"]
-        keys["handover"] = {"over_s": d.near(0.0, 0.1)}
-        for name in ("second", "first")[: d.random.randint(1, 2)]:
-            rows.append({"handover": name})
-    for _ in range(max(d.random.randint(0, 3), "tuning" in d.sure)):
-        if known and d.has(0.6, "tuning"):
-            name = d.one(*known)
-            rows.append({"set": {name: d.random.uniform(*sorted(known[name]))}})
-    for share, name, value in (
-        (0.7 if "on_fault" in keys.get("supervisor", ()) else 0.1, "reset", 1.0),
-        (0.12, "stop", 1.0), (0.06, "stop", 2.0), (0.1, "disarmed", 1.0), (0.15, "disarmed", 0.0),
-    ):  # fmt: skip
-        if d.has(share, f"{name} {value:g}"):
-            rows.append({"set": {f"supervisor.{name}": value}})
-    times = sorted(_moment(d, world, world["cycles"] - 1) for _ in rows)
-    rows = d.random.sample(rows, len(rows))
-    found = [{"at_s": at * period_s, **row} for at, row in zip(times, rows, strict=True)]
-    if found:
-        keys["schedule"] = found
+def _drive(d: Drawing, world: World, keys: World) -> None:
+    """Draw a drive between the first plant and its command, and what its master says."""
+    profile = d.one(*DRIVES)
+    words = [d.random.getrandbits(16) for _ in WORDS]
+    keys["bus"] = {"bitrate": 1000000} | keys.get("bus", {})
+    world["drive"] = {
+        "profile": profile, "on": d.one(DRIVES[profile][1], DRIVES[profile][1], words),
+        "on_s": d.near(0.0, 1.0), "hold_s": d.near(0.0, 0.1), "seed": d.near(0.0, 9.0),
+    }  # fmt: skip

@@ -24,10 +24,10 @@ FEATURES = (
     "CRC 16", "FD", "big endian", "float", "waits in FAULT", "intrusion limits", "quick stop",
     "armed by hand", "overrun policy", "limits", "rate limit", "plausibility", "requirement",
     "errors allowed", "line", "bit errors", "losses", "faults", "share of a fault", "fault again",
-    "end asked", ODD, "standby", "tuning", "reset 1", "stop 1", "stop 2", "disarmed 1",
-    "disarmed 0", "wrong rig",
+    "end asked", "request", "second sender", "slow frame", "drive", ODD, "standby", "tuning",
+    "reset 1", "stop 1", "stop 2", "disarmed 1", "disarmed 0", "wrong rig",
 )  # fmt: skip
-_PARENTS = {"rate limit": "limits", "bit errors": "line", "line": "one plant"}
+_PARENTS = {"rate limit": "limits", "bit errors": "line", "line": "one plant", "drive": "one plant"}
 _PARENTS |= dict.fromkeys((*KINDS, "share of a fault", "fault again"), "faults")
 _SURE = 5  # features that a world has if it can
 _SIMPLE_SHARE = 0.2  # of worlds, which run in lanes as a rule
@@ -36,6 +36,7 @@ NOT_TOGETHER = (  # two lists: no feature of one with one of the other
     *((_SLOW[:i], _SLOW[i:]) for i in range(1, len(_SLOW))),  # and one time of heartbeats
     (("many plants",), ("one plant",)),
     (("many plants",), ("node stall",)),  # of three nodes none may stand still: the rig is refused
+    (("drive",), ("many plants", "line", "bit errors")),
     (("line", "bit errors"), ("many plants", "2000 Hz", "4000 Hz")),  # 1 Mbit/s carries no more
 )  # fmt: skip
 

@@ -1,7 +1,8 @@
 """A drawn world as files: rig.yaml, its DBC file, its laws, and history.yaml.
 
-A frame of the world: its length, whether it is FD, the bits of its CRC (0: none), and its signals,
-each with its first bit, length, byte order, kind ("signed", "unsigned", "float"), and layout.
+A frame of the world: its length, whether it is FD, the bits of its CRC (0: none), its period in ms
+(none: every cycle), and its signals, each with its first bit, length, byte order, kind ("signed",
+"unsigned", "float"), and layout.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,8 +17,21 @@ World = dict[str, Any]
 RIG, HISTORY = "rig.yaml", "history.yaml"
 MOST_LAWS = 3  # of an executive, each with its reference
 SPAN = 128.0  # what a signal carries at least, either side of 0
+FRAMES = ("CMD", 160, "command"), ("FB", 288, "back"), ("SLOW", 416, "slow")  # id; key of a plant
+TUNABLE = "controller.first", "controller.second"  # within +-100
+ACTS = "stop", "set", "send"  # from outside: an end, a request, frames of a node's own id
+WORDS = range(4)  # of 16 bits, in a frame of a drive's master
+DRIVE_NODE = 3  # whose ids are nobody else's
+DRIVES: dict[str, tuple[tuple[int, int], list[int]]] = {  # two ids, words that switch on
+    "cia402": ((0x203, 0x303), [15, 0, 0, 0]),
+    "mit": ((3, 0x203), [0xFFFF, 0xFFFF, 0xFFFF, 0xFCFF]),
+    "moteus": ((1 << 31 | 0x8003, 1 << 31 | 3), [0x0001, 0x500A, 0x1F50, 0x5001]),
+    "odrive": ((0x67, 0x6D), [8, 0, 0, 0]),
+    "robstride": ((1 << 31 | 0x300FD03, 1 << 31 | 0x17FFF03), [0, 0, 0, 0]),
+}
+_LAWS = "pcpc.tools.study.swarm.laws"
 _HEAD = """VERSION ""
-BU_: EXEC {nodes}
+BU_: EXEC DRIVE {nodes}
 BO_ 128 SYNC: 2 EXEC
  SG_ sequence : 0|8@1+ (1,0) [0|255] "" {all}
  SG_ crc : 8|8@1+ (1,0) [0|255] "" {all}
@@ -80,11 +94,20 @@ def nodes(world: World) -> dict[str, int]:
     return {"plant" if i == 1 else f"plant_{i}": i for i in range(1, len(world["plants"]) + 1)}
 
 
+def frames_of(world: World) -> Iterator[tuple[str, int, World, str, str]]:
+    """Yield the frames of plants: name, id, what the world says, who sends it, who hears it."""
+    for role, i in nodes(world).items():
+        for name, word, key in FRAMES:
+            if frame := world["plants"][i - 1].get(key):
+                ends = ("executive", role) if key == "command" else (role, "executive")
+                yield f"{name}_{i}", word + i, frame, *ends
+
+
 def _drawn_rig(world: World, laws: str) -> World:
     blocks: World = {}
     sent = {"HB_EXEC.nmt_state": "supervisor.nmt"}
     found: World = {"dbc": "swarm.dbc", "rate_hz": world["rate_hz"], "controller": "first"}
-    plants = {}
+    plants: World = {}
     for role, i in nodes(world).items():
         one = world["plants"][i - 1]
         alone = i > MOST_LAWS  # without a law: its command is that of the first
@@ -97,55 +120,72 @@ def _drawn_rig(world: World, laws: str) -> World:
             blocks[f"reference_{i}"] = one["reference"]
             blocks[name] = {"inputs": inputs} | ({} if i == 1 else law)
         sent |= {f"CMD_{i}.command": f"{name}.command", f"CMD_{i}.mode": "supervisor.state"}
-        back = {f"FB_{i}.position": "lag.position", f"HB_{i}.nmt_state": "supervisor.nmt"}
-        for signal in one["back"]["signals"]:
-            if signal not in ("position", "counter", "crc"):
-                own = {"which": "lag.which", "estop": "lag.pressed"}
-                back[f"FB_{i}.{signal}"] = own.get(signal, "lag.twice")
+        back = {f"HB_{i}.nmt_state": "supervisor.nmt"}
+        own = {"which": "lag.which", "estop": "lag.pressed", "position": "lag.position"}
+        for name, _, frame, sender, _ in frames_of(world):
+            signals = frame["signals"] if sender == role else ()
+            back |= {f"{name}.{signal}": own.get(signal, "lag.twice")
+                     for signal in signals if signal not in ("counter", "crc")}  # fmt: skip
         plants[role] = {
             "node": f"PLANT_{i}",
-            "blocks": {"lag": {"law": "pcpc.tools.study.swarm.laws:BLOCK",
+            "blocks": {"lag": {"law": f"{_LAWS}:BLOCK",
                                "inputs": {"command": f"rx.CMD_{i}.command"},
                                "parameters": {"tau_s": one["tau_s"],
                                               "press_s": one.get("press_s", 1e6)}}},
             "transmit": back, "safe": {f"CMD_{i}.command": one["safe"]},
+        }  # fmt: skip
+    if drive := world.get("drive"):
+        asked = {f"on_{i}": word for i, word in enumerate(drive["on"])}
+        asked |= {name: drive[name] for name in ("on_s", "hold_s", "seed")}
+        blocks["master"] = {"law": f"{_LAWS}:MASTER", "parameters": asked}
+        sent |= {f"{name}.w{i}": f"master.{name.lower()}_{i}" for name in "AB" for i in WORDS}
+        plants["plant"]["blocks"]["lag"]["inputs"]["command"] = "drive.command"
+        plants["plant"]["drive"] = {
+            "profile": drive["profile"], "node": DRIVE_NODE, "position": "lag.position",
+            "rated": 1.0, "gains": {"position_per_s": 20.0, "velocity": 0.2},
         }  # fmt: skip
     return found | {"executive": {"node": "EXEC", "blocks": blocks, "transmit": sent}} | plants
 
 
 def dbc_text(world: World) -> str:
     """Return the DBC file: SYNC, heartbeats, and a command and a feedback of each plant."""
-    plants = nodes(world).values()
-    names = [f"PLANT_{i}" for i in plants]
-    text = _HEAD.format(nodes=" ".join(names), all=",".join(names))
+    names = {"executive": "EXEC"} | {role: f"PLANT_{i}" for role, i in nodes(world).items()}
+    plants = [*names.values()][1:]
+    text = _HEAD.format(nodes=" ".join(plants), all=",".join(plants))
     slow_ms = world.get("slow_ms", 100)
     keys = [(128, 1, 0), (1793, slow_ms, 1)]
     formats: list[int] = []
     floats: list[str] = []
-    for i in plants:
-        one = world["plants"][i - 1]
-        text += f"BO_ {1793 + i} HB_{i}: 1 PLANT_{i}\n"
+    for i, plant in enumerate(plants, 1):
+        text += f"BO_ {1793 + i} HB_{i}: 1 {plant}\n"
         text += ' SG_ nmt_state : 0|8@1+ (1,0) [0|255] "" EXEC\n'
-        for name, key, word, ends in (
-            ("CMD", "command", 160 + i, (f"PLANT_{i}", "EXEC")),
-            ("FB", "back", 288 + i, ("EXEC", f"PLANT_{i}")),
-        ):
-            text += f"BO_ {word} {name}_{i}: {one[key]['length']} {ends[1]}\n"
-            text += "".join(_signal_lines(one[key]["signals"], ends[0]))
-            keys.append((word, 1, 0))
-            formats += [word] * one[key]["fd"]
-            floats += [
-                f"SIG_VALTYPE_ {word} {signal} : {about['bits'] // 32};\n"
-                for signal, about in one[key]["signals"].items()
-                if about["kind"] == "float"
-            ]
         keys.append((1793 + i, slow_ms, 1))
+    for name, word, one, sender, receiver in frames_of(world):
+        text += f"BO_ {word} {name}: {one['length']} {names[sender]}\n"
+        text += "".join(_signal_lines(one["signals"], names[receiver]))
+        keys.append((word, one.get("ms", 1), int("ms" in one)))
+        formats += [word] * one["fd"]
+        floats += [
+            f"SIG_VALTYPE_ {word} {signal} : {about['bits'] // 32};\n"
+            for signal, about in one["signals"].items()
+            if about["kind"] == "float"
+        ]
+    for name, word in _orders(world).items():
+        text += f"BO_ {word} {name}: 8 EXEC\n"
+        text += "".join(f' SG_ w{i} : {16 * i}|16@1+ (1,0) [0|0] "" DRIVE\n' for i in WORDS)
+        keys.append((word, 1, 0))
     text += _KEYS.format(formats=",".join(f'"{one}"' for one in _FORMATS))
     for word, time_ms, kind in keys:
         text += f'BA_ "GenMsgCycleTime" BO_ {word} {time_ms};\n'
         text += f'BA_ "GenMsgSendType" BO_ {word} {kind};\n'
     text += "".join(f'BA_ "VFrameFormat" BO_ {word} 14;\n' for word in formats)
     return text + "".join(floats)
+
+
+def _orders(world: World) -> dict[str, int]:
+    """Return the ids of what a drive's master sends, by name."""
+    ids = DRIVES[world["drive"]["profile"]][0] if "drive" in world else ()
+    return dict(zip("AB", ids, strict=False))
 
 
 def _signal_lines(signals: Mapping[str, Any], receiver: str) -> Iterator[str]:
@@ -157,6 +197,15 @@ def _signal_lines(signals: Mapping[str, Any], receiver: str) -> Iterator[str]:
             f" SG_ {name} {layout}: {one['start']}|{one['bits']}@{int(not one['big'])}{sign} "
             f'({factor!r},{offset!r}) [0|0] "" {receiver}\n'
         )
+
+
+def bits_of(one: Mapping[str, Any]) -> list[int]:
+    """Return the bits of a frame in which a signal lies, as a DBC file numbers and orders them."""
+    at, found = one["start"], []
+    for _ in range(one["bits"]):
+        found.append(at)
+        at = at + 1 if not one["big"] else at - 1 if at % 8 else at + 15
+    return found
 
 
 def scale(one: Mapping[str, Any]) -> tuple[float, float]:

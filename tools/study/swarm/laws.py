@@ -1,10 +1,11 @@
-"""The plant of a drawn rig: a lag that is sampled, doubled, and says which layout is in turn.
+"""The plant of a drawn rig, and a drive's master.
 
-x' = (command - x) / tau                                             one Euler step a cycle
+x' = (command - x) / tau      BLOCK: a lag, one Euler step a cycle; it says which layout is in turn
+w  = 2^16 frac(43758 sin(k))  MASTER: words, drawn anew each hold_s; up to on_s those that switch on
 """
 
-from pcpc.executive.laws.block import Block, Ports, port, stage
-from pcpc.executive.laws.emath import clip, where
+from pcpc.executive.laws.block import Block, Nothing, Ports, inline, port, stage
+from pcpc.executive.laws.emath import clip, floor, sin, where
 
 
 class Parameters(Ports):
@@ -48,3 +49,50 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
 
 
 BLOCK = Block(step)
+
+
+class Orders(Ports):
+    """Of the master."""
+
+    on_0 = port("", "first word that switches on", None, 0.0, 65535.0)
+    on_1 = port("", "the next", None, 0.0, 65535.0)
+    on_2 = port("", "the next", None, 0.0, 65535.0)
+    on_3 = port("", "the last", None, 0.0, 65535.0)
+    on_s = port("s", "as long", None, 0.0, 100.0)
+    hold_s = port("s", "of drawn words", None, 0.0, 100.0)
+    seed = port("", "of drawn words", None, 0.0, 100.0)
+
+
+class Said(Ports):
+    """Words of two frames."""
+
+    a_0 = port("", "of the first")
+    a_1 = port("", "of the first")
+    a_2 = port("", "of the first")
+    a_3 = port("", "of the first")
+    b_0 = port("", "of the second")
+    b_1 = port("", "of the second")
+    b_2 = port("", "of the second")
+    b_3 = port("", "of the second")
+
+
+@inline
+def word(k: float) -> float:
+    """Return a word that is drawn by a number."""
+    x = 43758.5453 * sin(k)
+    return floor(65536.0 * (x - floor(x)))
+
+
+@stage
+def talk(t: float, dt: float, p: Orders, x: Nothing, u: Nothing, y: Said) -> None:
+    """Say what switches on, then what is drawn."""
+    k = 8.0 * floor(t / (p.hold_s + dt)) + p.seed
+    y.a_0 = where(t < p.on_s, p.on_0, word(k))
+    y.a_1 = where(t < p.on_s, p.on_1, word(k + 1.0))
+    y.a_2 = where(t < p.on_s, p.on_2, word(k + 2.0))
+    y.a_3 = where(t < p.on_s, p.on_3, word(k + 3.0))
+    y.b_0, y.b_1 = word(k + 4.0), word(k + 5.0)
+    y.b_2, y.b_3 = word(k + 6.0), word(k + 7.0)
+
+
+MASTER = Block(talk)

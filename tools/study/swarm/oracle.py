@@ -18,28 +18,24 @@ from pcpc.executive.durations import duration_ns
 from pcpc.executive.log.reader import NodeLog
 from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.study.swarm.case import Case
-from pcpc.tools.study.swarm.files import World, nodes, scale
+from pcpc.tools.study.swarm.files import TUNABLE, World, bits_of, frames_of, scale
 
-_OK, _SOME_LOST, _REPEATED, _WRONG, _ERROR, _TAKEN, _INJECTED = 0, 1, 2, 3, 4, 6, 16
+_OK, _SOME_LOST, _REPEATED, _WRONG, _ERROR, _TAKEN, _FOREIGN, _INJECTED = 0, 1, 2, 3, 4, 6, 7, 16
 _REASONS = {"repeated": _REPEATED, "wrong_sequence": _WRONG, "crc_errors": _ERROR}
-_MOST_DELTA, _ON_THE_WAY = 4, 3
+_MOST_DELTA, _ON_THE_WAY, _FOREIGN_FRAMES = 4, 3, 3
 _INIT, _READY, _RUN, _HOLD, _FAULT, _STOP = range(6)
 _SILENT = 1
 _NO_NUMBER = "nan", "corruption", "payload", "addressing", "masquerade", "forgery", "insertion"
 _LIKELY = {  # faults that a rig or its history has to have: words of its text, any of them
     2: _NO_NUMBER, 8: _NO_NUMBER, 9: _NO_NUMBER, 3: ("stall", "flood", "emulate", "FB_", "CMD_"),
     12: ("estop",), 5: ("overrun",), 7: ("faults", "emulate"), 14: ("plausible",),
-    15: ("intrusion",), 16: ("emulate",),
+    15: ("intrusion",), 16: ("emulate",), 6: ("send",),
 }  # fmt: skip
 
 
 def received(world: World, role: str) -> Iterator[tuple[str, int, World]]:
-    """Yield the frames of every cycle that a node hears: name, id, what the world says of it."""
-    for other, i in nodes(world).items():
-        if role == "executive":
-            yield f"FB_{i}", 288 + i, world["plants"][i - 1]["back"]
-        elif role == other:
-            yield f"CMD_{i}", 160 + i, world["plants"][i - 1]["command"]
+    """Yield the frames that a node hears: name, id, what the world says of it."""
+    yield from (one[:3] for one in frames_of(world) if one[4] == role)
 
 
 def frames(case: Case) -> Iterator[str]:
@@ -58,27 +54,49 @@ def frames(case: Case) -> Iterator[str]:
             yield from _misread(case, role, name, rows, frame)
             yield from _astray(case, role, name, word)
         yield from _unlike_sent(case, role, node)
+        yield from _acted(case, role, node)
     for role, account in case.summary.frames_to.items():
+        if role not in case.log.node:  # heard by nobody
+            continue
         spent = sum(count for key, count in account.items() if key not in ("sent", "away"))
         if account.get("unread", 0) < 0 or account["sent"] != spent:
             yield f"{role}: of {account['sent']} frames {account}"
-        if role in case.log.node:
-            came = case.log.node[role].frames
-            states = came["e2e"][came["direction"] == 1]
-            for name, state in _REASONS.items():
-                if account[name] != (states == state).sum():
-                    yield f"{role}: {account[name]} {name}, {(states == state).sum()} in the log"
+        came = case.log.node[role].frames
+        states = came["e2e"][came["direction"] == 1]
+        for name, state in _REASONS.items():
+            if account[name] != (states == state).sum():
+                yield f"{role}: {account[name]} {name}, {(states == state).sum()} in the log"
 
 
 def _frames_of(node: NodeLog, word: int, direction: int) -> NDArray[Any]:
     """Return the frames of an id that a node sent (0) or that came (1)."""
-    rows = node.frames
-    return rows[(rows["id"] == word) & (rows["direction"] == direction)]
+    return node.frames[(node.frames["id"] == word) & (node.frames["direction"] == direction)]
 
 
 def _used(rows: NDArray[Any]) -> NDArray[Any]:
     """Return those that are right, also by a fault."""
     return rows[np.isin(rows["e2e"] % _INJECTED, (_OK, _SOME_LOST))]
+
+
+def _acted(case: Case, role: str, node: NodeLog) -> Iterator[str]:
+    """Yield what was done from outside, and was not told or taken as it must be."""
+    came, least, most = int((node.frames["e2e"] == _FOREIGN).sum()), 0, 0
+    noted = {(t["cycle"], t["name"], t["value"]) for t in node.tunings}
+    for to, passes, act in case.acts:
+        if to != role or passes >= len(node.cycle):
+            continue
+        count, asked = act.get("send", 0), act.get("set", {})
+        most += count
+        if passes + _ON_THE_WAY < len(node.cycle):
+            least += count
+            if count >= _FOREIGN_FRAMES and not node.columns["supervisor.fault"][-1]:
+                yield f"{role}: {count} frames of another sender are no fault"
+        right = all(one in TUNABLE and abs(x) <= 100.0 for one, x in asked.items())
+        k = int(node.cycle[passes])
+        if any(((k, *one) in noted) is not right for one in asked.items()):
+            yield f"{role}: {asked}, asked in cycle {k}: {'not ' * right}taken"
+    if not least <= came <= most:
+        yield f"{role}: {came} frames of another sender, not {most}"
 
 
 def _astray(case: Case, role: str, name: str, word: int) -> Iterator[str]:
@@ -88,18 +106,12 @@ def _astray(case: Case, role: str, name: str, word: int) -> Iterator[str]:
     if config.bus.emulate is not None or stalls:
         return
     heard = case.log.node[role]
-    sender = case.log.node[senders(case.world)[name]]
+    sender = case.log.node[next(one[3] for one in frames_of(case.world) if one[0] == name)]
     came = int((_frames_of(heard, word, 1)["e2e"] < _INJECTED).sum())
     past = int(heard.cycle[-1]) if len(heard.cycle) else 0
     sent = int((_frames_of(sender, word, 0)["cycle"] < past).sum())
     if not -_ON_THE_WAY <= sent - came <= _ON_THE_WAY:
         yield f"{role}: {name} was sent {sent} times and came {came} times"
-
-
-def senders(world: World) -> dict[str, str]:
-    """Return who sends each frame of every cycle."""
-    found = {f"FB_{i}": role for role, i in nodes(world).items()}
-    return found | {f"CMD_{i}": "executive" for i in nodes(world).values()}
 
 
 def accepted(rows: NDArray[Any], frame: World, word: int) -> NDArray[np.int64]:
@@ -142,11 +154,10 @@ def crc_of(rows: NDArray[Any], frame: World, word: int) -> NDArray[np.int64]:
 
 def number(data: NDArray[np.uint8], signal: Mapping[str, Any]) -> NDArray[Any]:
     """Return the raw value of a signal in each row of data, bit by bit; (n,)."""
-    found, at = np.zeros(len(data), np.int64), signal["start"]
-    for i in range(signal["bits"]):
+    found = np.zeros(len(data), np.int64)
+    for i, at in enumerate(bits_of(signal)):
         bit = data[:, at // 8].astype(np.int64) >> at % 8 & 1
         found |= bit << (signal["bits"] - 1 - i if signal["big"] else i)
-        at = at + 1 if not signal["big"] else at - 1 if at % 8 else at + 15
     if signal["kind"] == "float":
         return found.astype(np.uint32).view(np.float32).astype(np.float64)
     if signal["kind"] == "signed":
@@ -166,10 +177,9 @@ def _misread(case: Case, role: str, name: str, rows: NDArray[Any], frame: World)
     judged = {**keys.executive.plausible} if role == "executive" else {}
     if keys.supervisor.intrusion != "count":
         return
-    used = _used(rows)
+    node, used = case.log.node[role], _used(rows)
     last = np.append(np.diff(used["cycle"]) != 0, True)[: len(used)]
-    node, used = case.log.node[role], used[last]
-    used, at = _recorded(node, used)
+    used, at = _recorded(node, used[last])
     for signal, about in frame["signals"].items():
         column = node.columns.get(f"rx.{name}.{signal}")
         own = f"{name}.{signal}" not in judged
@@ -203,15 +213,12 @@ def _recorded(node: NodeLog, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[
 
 def _unlike_sent(case: Case, role: str, node: NodeLog) -> Iterator[str]:
     """Yield signals of sent frames that are farther than half a step from what was meant."""
-    others = nodes(case.world)
-    for i in others.values() if role == "executive" else [others[role]]:
-        name, word, key = ("CMD", 160, "command") if role == "executive" else ("FB", 288, "back")
-        frame = case.world["plants"][i - 1][key]
-        rows, at = _recorded(node, _frames_of(node, word + i, 0))
+    for name, word, frame in (one[:3] for one in frames_of(case.world) if one[3] == role):
+        rows, at = _recorded(node, _frames_of(node, word, 0))
         if (rows["dlc"] != frame["length"]).any():
-            yield f"{role}: {name}_{i} was sent with another length"
+            yield f"{role}: {name} was sent with another length"
         for signal, about in frame["signals"].items():
-            column = node.columns.get(f"tx.{name}_{i}.{signal}")
+            column = node.columns.get(f"tx.{name}.{signal}")
             if column is None:
                 continue
             sent, meant = value(rows["data"], about), column[at]
@@ -228,7 +235,7 @@ def _unlike_sent(case: Case, role: str, node: NodeLog) -> Iterator[str]:
             wrong &= _is_there(rows, frame, about)
             if wrong.any():
                 k = int(np.argmax(wrong))
-                where = f"{role}: {name}_{i}.{signal} in cycle {rows['cycle'][k]}"
+                where = f"{role}: {name}.{signal} in cycle {rows['cycle'][k]}"
                 yield f"{where}: {sent[k]}, not {meant[k]}"
 
 
@@ -262,19 +269,19 @@ def _silence(case: Case, role: str, node: NodeLog) -> Iterator[str]:
     doubts = config.supervisor.intrusion == "hold" or (
         role == "executive" and config.executive.plausible
     )
-    if doubts or not len(node.cycle) or config.supervisor.intrusion == "fault":
+    drives = role == "plant" and "drive" in case.world  # which waits for nobody
+    if doubts or drives or not len(node.cycle) or config.supervisor.intrusion == "fault":
         return
     state, k = node.columns["supervisor.state"], node.cycle
     fault = node.columns["supervisor.fault"]
     fresh = np.ones(len(k), bool)
-    for _, word, _ in received(case.world, role):
-        fresh &= np.isin(k, _used(_frames_of(node, word, 1))["cycle"])
+    for _, word, frame in received(case.world, role):
+        fresh &= np.isin(k, _used(_frames_of(node, word, 1))["cycle"]) | ("ms" in frame)
     missing, most = int(not fresh[0]), config.supervisor.fault_after_cycles
     for i in range(1, len(k)):
         missing = 0 if fresh[i] else missing + 1
         before, now = int(state[i - 1]), int(state[i])
-        if int(node.columns["supervisor.missing_cycles"][i]) != missing:
-            told = int(node.columns["supervisor.missing_cycles"][i])
+        if (told := int(node.columns["supervisor.missing_cycles"][i])) != missing:
             yield f"{role}: cycle {k[i]}: {told} cycles without input, not {missing}"
             return
         allowed = {_STOP, _FAULT} if fault[i] else {_STOP, _READY}
@@ -316,8 +323,8 @@ def _requirements(case: Case) -> Iterator[str]:
     ran = whole and not any(
         node.columns["supervisor.fault"].any() for node in case.log.node.values()
     )
-    later = Judge.of(case.rig).requirements(case.log)
-    for judged, is_whole in ((case.summary.requirements, ran), (later, whole)):
+    both = (case.summary.requirements, ran), (Judge.of(case.rig).requirements(case.log), whole)
+    for judged, is_whole in both:
         for asked, told in zip(case.rig.config.require, judged, strict=True):
             at_most = float((asked.always or "").rpartition("<")[2])
             most = float(np.abs(top.columns["rx.FB_1.position"]).max())
@@ -330,7 +337,7 @@ def _requirements(case: Case) -> Iterator[str]:
 
 def _groundless(case: Case, role: str, node: NodeLog) -> Iterator[str]:
     """Yield a fault for which nothing in the rig is a reason."""
-    text = str(case.rig.effective())
+    text = str((case.rig.effective(), case.acts))
     for fault in {int(one) for one in node.columns["supervisor.fault"]} - {0, _SILENT}:
         if not any(word in text for word in _LIKELY.get(fault, ())):
             yield f"{role}: fault {fault} without a reason in the rig"
@@ -346,10 +353,8 @@ def deserved(case: Case) -> tuple[set[str], str]:
     lost = _lost(case)
     if lost:
         return {"loss", "safety stop"}, lost
-    if config.bus.emulate is not None or config.losses or config.faults:
-        sure = {"loss", "safety stop"}  # by frames that came late, at the end
-    else:
-        sure = set()
+    late = config.bus.emulate is not None or config.losses or config.faults
+    sure = {"loss", "safety stop"} if late else set()  # by frames that came late, at the end
     mistakes = [
         name
         for node in log.node.values()
@@ -381,6 +386,8 @@ def _lost(case: Case) -> str:
     implausible = sum(one.get("implausible", 0) for one in case.outcome.health.values())
     if implausible > errors.implausible:
         return f"{implausible} values were not plausible"
+    if any((node.frames["e2e"] == _FOREIGN).any() for node in case.log.node.values()):
+        return "another sender"
     counts = dict.fromkeys((_SOME_LOST, _REPEATED, _WRONG, _ERROR), 0)
     for role, node in case.log.node.items():
         for _, word, frame in received(case.world, role):

@@ -31,7 +31,7 @@ from pcpc.tools.after.verdict.outcome import Outcome
 from pcpc.tools.after.verdict.virtual_end import to_end
 from pcpc.tools.study.swarm import counts, oracle
 from pcpc.tools.study.swarm.case import QUIET, Case
-from pcpc.tools.study.swarm.files import RIG, write
+from pcpc.tools.study.swarm.files import ACTS, RIG, write
 from pcpc.tools.terminal.rooms import is_installed, part_of
 
 PART_CYCLES, PARTS = 100, 7  # at least; at most
@@ -125,16 +125,16 @@ def _replay(case: Case, span: tuple[int, int]) -> Iterator[str]:
             yield f"{one.role}: {one.state}, {one.extent}: {why}"
 
 
-def _is_asked(case: Case) -> bool:
-    """Return whether its user ended the run: of which only the log's record knows."""
-    return case.world.get("asked") is not None
+def _has(case: Case, *acts: str) -> bool:
+    """Return whether something of it is done to the run from outside."""
+    return any(one in act for act in case.world.get("acts", ()) for one in acts)
 
 
 def branched(case: Case) -> Iterator[str]:
     """Yield what differs in a run that goes on from a drawn cycle, without or with a change."""
     of_rig = [step_of(one) for node in case.rig.nodes().values() for one in node.blocks]
     unknown = case.rig.config.bus.emulate is not None or any(of_rig)  # states that no log holds
-    if _is_asked(case) or unknown or case.length < 8 or not is_installed(_BRANCH):
+    if _has(case, "stop", "send") or unknown or case.length < 8 or not is_installed(_BRANCH):
         return
     cycle = _branch_cycle(case)
     if cycle == case.length:
@@ -186,7 +186,7 @@ def _branch(case: Case, cycle: int, changes: list[tuple[str, str, float]]) -> lo
 
 def in_lanes(case: Case) -> Iterator[str]:
     """Yield what differs in WIDTH equal runs at once, where the rig can run in lanes."""
-    if _is_asked(case):
+    if _has(case, *ACTS):
         return
     names: dict[Any, list[str]] = {
         role: list(node.description["state_columns"]) for role, node in case.log.node.items()
@@ -230,14 +230,14 @@ def in_parts(case: Case) -> Iterator[str]:
 
 def interpreted(case: Case) -> Iterator[str]:
     """Yield, of a sample, what differs in the first cycles where nothing is compiled."""
-    if case.world["at"]["sample"] < SAMPLE and not _is_asked(case):
+    if case.world["at"]["sample"] < SAMPLE and not _has(case, *ACTS):
         words = ["simulate", _shorter(case, INTERPRETED)]
         yield from _elsewhere(case, words, {"NUMBA_DISABLE_JIT": "1"}, INTERPRETED)
 
 
 def lockstep(case: Case) -> Iterator[str]:
     """Yield, of a sample, what differs in processes of their own on a bus."""
-    emulated = case.rig.config.bus.emulate is not None or _is_asked(case)
+    emulated = case.rig.config.bus.emulate is not None or _has(case, *ACTS)
     if 1.0 - case.world["at"]["sample"] < SAMPLE and not emulated:
         bus = f"udp_multicast:239.74.163.14:{20000 + os.getpid() % 20000}"
         words = ["run", "--pacing=lockstep", "--bus", bus, _shorter(case, LOCKSTEP)]
@@ -273,6 +273,7 @@ def verdict(case: Case) -> Iterator[str]:
 def frames(case: Case) -> Iterator[str]:
     """Yield frames of which nobody knows what became of them, and wrong ones that were used."""
     yield from oracle.frames(case)
+    yield from counts.paced(case)
 
 
 def limits(case: Case) -> Iterator[str]:

@@ -39,8 +39,8 @@ def _smaller(world: World) -> Iterator[World]:
             if len(place[key]) > 1:
                 for part in place[key] if isinstance(place[key], dict) else range(len(place[key])):
                     yield _changed(world, place is not world["keys"], key, part)
-    if world.get("asked") is not None:
-        yield world | {"asked": None}
+    for act in world.get("acts", ()):
+        yield world | {"acts": [one for one in world["acts"] if one is not act]}
     if world["cycles"] > _LEAST_CYCLES:
         for share in (2, 4):
             smaller = copy.deepcopy(world)
