@@ -8,7 +8,7 @@
 Where something else decides, such as a value that is not plausible, the oracle does not.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.log.reader import NodeLog
 from pcpc.tools.after.verdict.judge import Judge
+from pcpc.tools.study.swarm.bits import crc_of, number, value
 from pcpc.tools.study.swarm.case import Case
-from pcpc.tools.study.swarm.files import TUNABLE, World, bits_of, frames_of, scale
+from pcpc.tools.study.swarm.files import TUNABLE, World, frames_of, scale
 
 _OK, _SOME_LOST, _REPEATED, _WRONG, _ERROR, _TAKEN, _FOREIGN, _INJECTED = 0, 1, 2, 3, 4, 6, 7, 16
 _REASONS = {"repeated": _REPEATED, "wrong_sequence": _WRONG, "crc_errors": _ERROR}
@@ -135,42 +136,6 @@ def accepted(rows: NDArray[Any], frame: World, word: int) -> NDArray[np.int64]:
     return np.array(found, np.int64)
 
 
-def crc_of(rows: NDArray[Any], frame: World, word: int) -> NDArray[np.int64]:
-    """Return the CRC that belongs to each frame, a bit at a time."""
-    bits, polynomial = (8, 0x1D) if frame["crc"] == 8 else (16, 0x1021)
-    data = rows["data"].astype(np.int64)
-    place = frame["signals"]["crc"]["start"] // 8
-    ids = [np.full(len(rows), word & 0xFF), np.full(len(rows), word >> 8)]
-    own = range(place, place + bits // 8)
-    columns = [data[:, i] for i in range(frame["length"]) if i not in own]
-    columns = [*ids, *columns] if bits == 8 else [*columns, *ids]
-    crc = np.full(len(rows), (1 << bits) - 1)
-    for column in columns:
-        crc = crc ^ (column << bits - 8)
-        for _ in range(8):
-            crc = ((crc << 1) ^ np.where(crc >> bits - 1 & 1, polynomial, 0)) & (1 << bits) - 1
-    return crc ^ 0xFF if bits == 8 else crc
-
-
-def number(data: NDArray[np.uint8], signal: Mapping[str, Any]) -> NDArray[Any]:
-    """Return the raw value of a signal in each row of data, bit by bit; (n,)."""
-    found = np.zeros(len(data), np.int64)
-    for i, at in enumerate(bits_of(signal)):
-        bit = data[:, at // 8].astype(np.int64) >> at % 8 & 1
-        found |= bit << (signal["bits"] - 1 - i if signal["big"] else i)
-    if signal["kind"] == "float":
-        return found.astype(np.uint32).view(np.float32).astype(np.float64)
-    if signal["kind"] == "signed":
-        found -= (found >> signal["bits"] - 1) << signal["bits"]
-    return found
-
-
-def value(data: NDArray[np.uint8], signal: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return the value of a signal in each row."""
-    factor, offset = scale(signal)
-    return np.asarray(number(data, signal) * factor + offset, float)
-
-
 def _misread(case: Case, role: str, name: str, rows: NDArray[Any], frame: World) -> Iterator[str]:
     """Yield signals whose value is not that of the last frame that was used in the cycle."""
     keys = case.rig.config
@@ -230,13 +195,24 @@ def _unlike_sent(case: Case, role: str, node: NodeLog) -> Iterator[str]:
                 low = -(1 << about["bits"] - 1) if about["kind"] == "signed" else 0
                 ends = np.array([low, low + (1 << about["bits"]) - 1]) * factor + offset
                 wrong = np.abs(sent - np.clip(meant, ends[0], ends[1])) > 0.5001 * factor
-            if not any(one.kind == "nan" for one in case.rig.config.faults.values()):
+            if not (np.isfinite(meant).all() or _may_be_none(case)):
                 wrong |= ~np.isfinite(meant)
             wrong &= _is_there(rows, frame, about)
             if wrong.any():
                 k = int(np.argmax(wrong))
                 where = f"{role}: {name}.{signal} in cycle {rows['cycle'][k]}"
                 yield f"{where}: {sent[k]}, not {meant[k]}"
+
+
+def _may_be_none(case: Case) -> bool:
+    """Return whether a fault made a NaN, or a frame brought one: a forged float is any number."""
+    return any(one.kind == "nan" for one in case.rig.config.faults.values()) or any(
+        not np.isfinite(value(_frames_of(node, word, 1)["data"], signal)).all()
+        for role, node in case.log.node.items()
+        for _, word, frame in received(case.world, role)
+        for signal in frame["signals"].values()
+        if signal["kind"] == "float"
+    )
 
 
 # Faults and the verdict
