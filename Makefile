@@ -92,7 +92,7 @@ test-browser: tools ## the page of `pcpc host` in a real browser
 test-quiet: tools ## gates of timing, for a machine that does nothing else
 	$(BIN)/pytest tests/quiet -m quiet
 
-coverage: tools ## whether tests reach all lines and branches of loop and bus; takes long
+coverage: tools ## whether tests reach all of loop and bus, lines and branches; long
 	@rm -rf build/coverage
 	-NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest --deep no $(COVERED) $(COVERED_DEEP)
 	-NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest --deep only $(COVERED_DEEP)

@@ -95,7 +95,7 @@ def time(text: str) -> float:
         found = float(text)
     except ValueError:
         found = _written_s(text)
-    if not abs(found) <= _LONGEST_S:
+    if not 0.0 <= found <= _LONGEST_S:
         raise argparse.ArgumentTypeError(f"{text}: not a time; expected like 0, 1.5, 500ms")
     return found
 

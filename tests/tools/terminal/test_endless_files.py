@@ -135,7 +135,7 @@ def test_a_time_that_no_log_has_is_refused(option: str, value: str, tmp_path: Pa
         ("plot", "controller.e_rad", "-o", tmp_path / "a.png"),
     ):
         done = run(name, barrel_log("pd"), *words, f"{option}={value}")
-        assert done.code == 2 and f"{option} " in done.err, done
+        assert done.code == 2 and f"{option}: {value}: not a time" in done.err, done
         assert done.err.count("\n") == 1 and not list(tmp_path.iterdir()), done
 
 

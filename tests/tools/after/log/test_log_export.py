@@ -146,7 +146,7 @@ def test_start_and_end_cut_out_a_window(log: logs.Log, tmp_path: Path) -> None:
         (("-o", "{}/t.xyz"), "no known suffix; use .log, .blf"),
         (("-o", "{}/t.log", "--topics", "/can/frame"), "did you mean /can/frames?"),
         (("-o", "{}/t.csv", "--topics", "/states"), "did you mean /state?"),
-        (("-o", "{}/t.log", "--start", "1d"), "1d: not a duration"),
+        (("-o", "{}/t.log", "--start", "1d"), "1d: not a time"),
         (("-o", "{}/t.log", "--start", "100"), "see --topics, --start, --end"),
         (("-o", "{}/there.log"), "exists; choose another name, or overwrite it with --force"),
     ],
