@@ -16,7 +16,7 @@ def test_a_time_of_a_run_has_a_unit_or_is_in_seconds(text: str, time_s: float) -
     assert math.isclose(take.time(text), time_s)
 
 
-@pytest.mark.parametrize("text", ["", "soon", "nan", "inf", "-1", "-1s", "1e10", "9e9s", "5 s", "5S"])
+@pytest.mark.parametrize("text", ["", "soon", "nan", "inf", "-1", "-1s", "1e10", "9e9s", "5 s"])
 def test_what_is_no_time_is_refused(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match=f"{text}: not a time; expected like 0"):
         take.time(text)
