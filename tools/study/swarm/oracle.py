@@ -90,7 +90,7 @@ def _acted(case: Case, role: str, node: NodeLog) -> Iterator[str]:
         most += count
         if passes + _ON_THE_WAY < len(node.cycle):
             least += count
-            if count >= _FOREIGN_FRAMES and not node.columns["supervisor.fault"][-1]:
+            if count >= _FOREIGN_FRAMES and not node.columns["supervisor.fault"][passes:].any():
                 yield f"{role}: {count} frames of another sender are no fault"
         right = all(one in TUNABLE and abs(x) <= 100.0 for one, x in asked.items())
         k = int(node.cycle[passes])
