@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.answer import COMMON
 from pcpc.tools.terminal.command import Command
 from pcpc.tools.terminal.rooms import offers, part_of
@@ -21,7 +22,9 @@ from pcpc.tools.terminal.rooms import offers, part_of
 MOST_ROWS = 200
 _MOST_TEXT = 4000  # characters of an answer that is no JSON
 _MOST_ASKED = 100_000  # bytes of arguments; the kernel takes 131,072 of a word
-_TYPES: Mapping[Any, str] = {int: "integer", float: "number"}
+_TYPES: Mapping[Any, Any] = {
+    int: "integer", float: "number", take.time: ["number", "string"],
+}  # fmt: skip
 
 
 class Tool(NamedTuple):

@@ -19,13 +19,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from places import PATIENCE_S
 from pyxcp.config import create_application_from_config, set_application
 from pyxcp.daq_stim import DaqList
 from pyxcp.events import EventHandler
 from pyxcp.master import Master
 from pyxcp.types import XcpResponseError, XcpTimeoutError
-from xcp_master import Measured
+from xcp_master import PATIENCE_S, Measured
 
 from pcpc.tools.live.xcp.packets import EV_SESSION_TERMINATED, EV_USER
 

@@ -9,9 +9,9 @@ import struct
 import sys
 import threading
 
-from places import PATIENCE_S
 from pyxcp.config import create_application_from_config, set_application
 from pyxcp.master import Master
+from xcp_master import PATIENCE_S
 
 
 class Told:

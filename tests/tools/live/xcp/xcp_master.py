@@ -12,12 +12,12 @@ import sys
 import threading
 from typing import Any
 
-from places import PATIENCE_S
 from pyxcp.config import create_application_from_config, set_application
 from pyxcp.daq_stim import DaqList, DaqOnlinePolicy
 from pyxcp.master import Master
 
 OBJECT = re.compile(r"/begin (\w+) (\S+) \".*\"\n\s+(?:VALUE|.*\n\s+ECU_ADDRESS) (0x[0-9A-F]+)")
+PATIENCE_S = 240.0  # as in places.py, which is not on the path of a program
 VALUES = 91.0, 92.5, 93.25
 
 
