@@ -1,8 +1,8 @@
 """What several commands of `pcpc` take; imports nothing that takes time."""
 
 import argparse
-import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Annotated, Any
 
 from pcpc.drivers.errors import UserError
@@ -91,21 +91,11 @@ def duration(text: str) -> float:
 
 def time(text: str) -> float:
     """Return the s of a time of a run: 0, 1.5, 500ms. ArgumentTypeError: not a time."""
-    try:
-        found = float(text)
-    except ValueError:
-        found = _written_s(text)
-    if not 0.0 <= found <= _LONGEST_S:
-        raise argparse.ArgumentTypeError(f"{text}: not a time; expected like 0, 1.5, 500ms")
-    return found
-
-
-def _written_s(text: str) -> float:
-    """Return the s of a duration with a unit; NaN of what is none."""
-    try:
-        return float(duration_ns(text, zero=True) / 10**9)
-    except ValueError:
-        return math.nan
+    with suppress(ValueError):
+        found_s = float(duration_ns(text, unit="s", zero=True) / 10**9)
+        if found_s <= _LONGEST_S:
+            return found_s
+    raise argparse.ArgumentTypeError(f"{text}: not a time; expected like 0, 1.5, 500ms")
 
 
 def seconds(option: str, zero: bool = False) -> Callable[[str], float]:

@@ -19,20 +19,20 @@ _AGAIN = {"supervisor.disarmed": 0.0}, {"supervisor.reset": 1.0}
 
 def acts(d: Drawing, world: World) -> None:
     """Draw what is done from outside: an end, requests, of which some are refused, frames."""
-    acts: list[World] = [{"stop": 1}] * d.has(0.1, "end asked")
+    drawn: list[World] = [{"stop": 1}] * d.has(0.1, "end asked")
     for _ in range(d.one(1, 1, 3) * d.has(0.15, "request")):
         values = d.near(0.1, 5.0), d.one(1.0, -3.0, 1e9)
         asked = dict(zip(d.one(TUNABLE, TUNABLE, ("time.t_s", *TUNABLE)), values, strict=False))
-        acts.append({"set": asked})
+        drawn.append({"set": asked})
     if d.has(0.06, "second sender"):
-        acts.append({"send": d.one(1, 2, 3, 5), "node": d.one("executive", "plant")})
-    if acts:  # which wait for the end of a piece: as long as a keyframe's
+        drawn.append({"send": d.one(1, 2, 3, 5), "node": d.one("executive", "plant")})
+    if drawn:  # which wait for the end of a piece: as long as a keyframe's
         world["every"] = math.ceil(0.1 * world["rate_hz"])
         world["keys"]["record"] = {"keyframe": ms(world, world["every"])}
     last = max(world["cycles"] - world["every"], 1)
-    cycles = sorted(d.random.randint(1, last) for _ in acts)
-    acts = d.random.sample(acts, len(acts))
-    world["acts"] = [{"cycle": at} | act for at, act in zip(cycles, acts, strict=True)]
+    cycles = sorted(d.random.randint(1, last) for _ in drawn)
+    drawn = d.random.sample(drawn, len(drawn))
+    world["acts"] = [{"cycle": at} | act for at, act in zip(cycles, drawn, strict=True)]
 
 
 def faults(
