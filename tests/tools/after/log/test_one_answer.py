@@ -151,7 +151,7 @@ def differences(folder: Path, whole: Path) -> tuple[Any, str]:
 def recomputed(log: Path) -> str:
     """Return the first variable that differs where a log is recomputed, else what it is."""
     row = verified_row(str(log), "all", ASKED)
-    first = row.first and (row.first["name"], row.first["cycle"])
+    first = row.first and (row.first.name, row.first.cycle)
     nodes = printed("replay", log)
     if nodes == NO_LOG:
         assert row.verdict in ("incomplete", "unreadable"), row
