@@ -130,6 +130,7 @@ def test_a_schema_that_lets_a_lie_pass_is_found(
 
 
 @pytest.mark.parametrize(("command", "words", "code"), HERE)
+@pytest.mark.quick
 def test_what_a_command_prints_is_of_its_schema(
     command: str, words: str, code: int, folder: Path, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

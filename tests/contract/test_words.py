@@ -182,6 +182,7 @@ def test_every_command_has_words_of_both_kinds() -> None:
 
 
 @pytest.mark.parametrize("row", REFUSED)
+@pytest.mark.quick
 def test_words_that_cannot_be_followed_are_a_line(
     row: tuple[str, ...], refused: Callable[..., None], tmp_path: Path
 ) -> None:

@@ -68,6 +68,7 @@ def motor(*settings: str) -> Rig:
 
 
 @pytest.mark.parametrize("pacing", ["real", "sync", "lockstep"])
+@pytest.mark.quick
 def test_two_nodes_meet_and_do_all_cycles(bus: buses.BusAddress, pacing: str) -> None:
     nodes = [Node(motor(), bus, role, pacing) for role in ("plant", "executive")]
     for node in nodes:

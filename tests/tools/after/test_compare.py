@@ -151,6 +151,7 @@ def test_a_verdict_that_changed_says_why(folder: Path, tmp_path: Path) -> None:
         (SHORT | {"require": [HELD, FAR]}, SHORT | {"require": [HELD, FAR]}, 0, ""),
     ],
 )  # fmt: skip
+@pytest.mark.quick
 def test_a_gate_for_verdicts_passes_no_run_that_was_not_judged(
     before: dict[str, Any], now: dict[str, Any], code: int, said: str, tmp_path: Path
 ) -> None:

@@ -265,11 +265,12 @@ def test_an_unknown_rig_is_refused_with_the_likely_one(
 
 
 def test_what_is_no_rig_is_never_meant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No run has such a name, as another test's beside this one may have of a motor."""
     monkeypatch.chdir(tmp_path)
-    for folder in ("tmp", "motor", "motors", "cart"):
+    for folder in ("tmp", "wobbler", "wobblers", "cart"):
         (tmp_path / folder).mkdir()
     (tmp_path / "cart/rig.yaml").touch()
-    for text in ("tmp", "./tmp", "motor", str(tmp_path / "motor"), "/", "motor.yaml"):
+    for text in ("tmp", "./tmp", "wobbler", str(tmp_path / "wobbler"), "/", "wobbler.yaml"):
         with pytest.raises(RigError) as caught:
             rigs.find(text)
         assert "did you mean" not in str(caught.value), caught.value

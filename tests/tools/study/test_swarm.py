@@ -162,6 +162,7 @@ def test_a_wrong_value_of_a_damaged_log_is_told(monkeypatch: pytest.MonkeyPatch)
          lambda true: set()),
     ],
 )  # fmt: skip
+@pytest.mark.quick
 def test_what_others_do_is_taken_as_it_must_be(
     act: World, place: str, spoil: Spoil, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -185,6 +186,7 @@ def test_every_promise_has_a_planted_fault() -> None:
     assert {*PROMISES, "refusal"} == {"damage", *(name for name, *_ in PLANTED)}
 
 
+@pytest.mark.quick
 def test_seeds_keep_every_promise_and_are_summed_up(tmp_path: Path) -> None:
     done = run_here("swarm", "--seeds", SEEDS, "-j", 1, "--json", "-q", "-o", tmp_path / "found")
     told = strictly_holds("swarm", done.out)
@@ -286,6 +288,7 @@ def test_worlds_are_drawn_around_rigs_of_mine_in_turn(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda one: one.name)
+@pytest.mark.quick
 def test_what_was_found_once_stays_mended(case: Path) -> None:
     done = run_here("swarm", "--replay", case)
     assert done.code == 0, done.out
