@@ -35,12 +35,13 @@ HULL = HERE.parent / "plants" / "atb1000" / "rigs" / "hull.yaml"
 
 
 def compile_loop() -> None:
-    """Compile what does whole cycles of two or three nodes, and what these call by address."""
+    """Compile what does whole cycles of two or three nodes, what these call, and a drive alone."""
     importlib.import_module("pcpc.executive.loop.running")
     exchange.run_of(2)
     importlib.import_module("pcpc.executive.nodes.replay")
-    sys.path.append(str(HERE / "executive"))
+    sys.path += [str(HERE / "executive"), str(HERE / "drivers/canopen")]
     importlib.import_module("engine")
+    importlib.import_module("drives").Bench().send(0x80)
     over_line.run_over_line(2)
     exchange.run_of(3)
     dialects = [one.dialect for one in planned_robot.KINDS.values()]
