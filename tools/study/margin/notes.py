@@ -8,7 +8,15 @@ from pcpc.drivers.errors import UserError
 from pcpc.tools.study.arrays import Complex
 from pcpc.tools.study.margin import impulse, linear, loops, measured, operating, sizes
 from pcpc.tools.study.margin.margins import Margins
-from pcpc.tools.study.margin.visible import PLACES, STRONG, UNSURE, Unsure, differences, is_empty
+from pcpc.tools.study.margin.visible import (
+    PLACES,
+    STRONG,
+    UNSURE,
+    Unsure,
+    differences,
+    is_empty,
+    without_unsure,
+)  # fmt: skip
 
 Found = linear.Linear | impulse.Impulse
 _MARGINAL = 1e5  # of |S| beside a pole on the unit circle
@@ -151,17 +159,18 @@ def comparison(
     for name, where, what in _PAIRS:
         linear_one, one, f = getattr(ours, name), getattr(seen, name), getattr(ours, where)
         if one > _NEAR * linear_one and not own.f_hz[0] <= f <= own.f_hz[-1]:
-            also = ("sensitivity_peak",) if name == "disk_margin" else ()
-            seen = replace(seen, **dict.fromkeys((name, *also), np.nan))
+            seen, _ = without_unsure(seen, {name: ""})
         elif one > _NEAR * linear_one:
             better[what] = _reason(own, response, f)
         elif one < _WORSE * linear_one:
             place = getattr(seen, where)
             worse.append(what)
             why_worse = why_worse or _reason(own, response, place if np.isfinite(place) else f)
-    f = ours.gain_reduction_hz
-    if ours.gain_reduction > _NEAR * seen.gain_reduction and not own.f_hz[0] <= f <= own.f_hz[-1]:
-        seen = replace(seen, gain_reduction=np.nan, gain_reduction_hz=np.nan)
+    for name in ("gain_reduction", "sensitivity_peak"):  # worse where they are larger
+        where = PLACES[name]
+        linear_one, one, f = getattr(ours, name), getattr(seen, name), getattr(ours, where)
+        if linear_one > _NEAR * one and not own.f_hz[0] <= f <= own.f_hz[-1]:
+            seen, _ = without_unsure(seen, {name: ""})
     notes = list[str]()
     if better:
         why = next(iter(better.values()))

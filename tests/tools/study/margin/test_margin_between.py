@@ -164,15 +164,25 @@ def test_between_goes_through_the_lines_and_says_which_gaps_count() -> None:
 
 
 @pytest.mark.parametrize(("at_hz", "known"), [(0.1, False), (0.3, True), (499.9, False)])
-def test_a_gain_reduction_where_no_line_is_was_not_measured(at_hz: float, known: bool) -> None:
-    """The linear loop knows of a crossing below the lowest line; `0` would say there is none."""
-    ours = replace(true_margins(45.7, 0.02, 0.3), gain_reduction=0.14, gain_reduction_hz=at_hz)
-    seen = replace(ours, gain_reduction=0.0, gain_reduction_hz=math.nan)
+@pytest.mark.parametrize(("name", "ours", "seen"), [
+    ("gain_reduction", 0.14, 0.0), ("sensitivity_peak", 2.06, 1.06),
+])  # fmt: skip
+def test_what_is_worse_where_no_line_is_was_not_measured(
+    name: str, ours: float, seen: float, at_hz: float, known: bool
+) -> None:
+    """The linear loop knows of it below the lowest line, also where no disk margin was measured."""
+    true = replace(true_margins(45.7, 0.02, 0.3), disk_margin=math.nan)
+    linear_one = replace(true, **{name: ours, f"{name}_hz": at_hz})
+    lines = replace(true, **{name: seen, f"{name}_hz": math.nan})
     own: Any = SimpleNamespace(f_hz=LINES, response=LINES + 0j, error=0.0 * LINES)
-    told, _ = notes.comparison(ours, own, seen, own.response)
-    assert math.isnan(told.gain_reduction) != known
-    same, _ = notes.comparison(ours, own, ours, own.response)
-    assert same.gain_reduction == 0.14, "seen as the linear loop has it"
+    told, _ = notes.comparison(linear_one, own, lines, own.response)
+    assert math.isnan(getattr(told, name)) != known
+    late = replace(true, delay_margin_s=math.inf, delay_margin_samples=math.inf)
+    early = replace(true, delay_margin_s=1.0, crossover_hz=at_hz)
+    told, _ = notes.comparison(early, own, late, own.response)
+    assert math.isnan(told.delay_margin_s) == math.isnan(told.delay_margin_samples) != known
+    same, _ = notes.comparison(linear_one, own, linear_one, own.response)
+    assert getattr(same, name) == ours, "seen as the linear loop has it"
 
 
 def test_what_is_not_known_is_said_with_its_reason() -> None:
