@@ -100,8 +100,8 @@ def without_below(own: Margins, f_hz: Vector, response: Complex) -> tuple[Margin
 
     For L of lines (n,) alone; a linear loop knows it. Where it is a constant at the lowest line it
     is one below. Elsewhere "none" says more than lines can know. A peak at the lowest line may go
-    on below, but for |L| that is far from 1 there and leaves it; where |L| is close to 1 there,
-    below may be a higher one.
+    on below, but for |L| that is far from 1 there and leaves it; where |L| is close to 1 there, or
+    crosses it below alone, there may be a higher one.
     """
     if len(f_hz) < 3:
         return own, []
@@ -112,15 +112,15 @@ def without_below(own: Margins, f_hz: Vector, response: Complex) -> tuple[Margin
     rises = slope < 0.0  # towards 0
     crosses = rises == (first < 1.0)
     near = crosses or 1.0 / _FAR < first < _FAR
-    close = 1.0 / _CLOSE < first < _CLOSE
     nowhere = crosses and math.isinf(own.phase_margin_deg)
+    higher = nowhere or 1.0 / _CLOSE < first < _CLOSE
     unknown = {
         "gain_margin": math.isinf(own.gain_margin) and (first < 1.0 or not rises),
         "gain_reduction": own.gain_reduction == 0.0 and (first > 1.0 or rises),
         "phase_margin_deg": nowhere,
         "delay_margin_s": nowhere,
-        "sensitivity_peak": close or (near and own.sensitivity_peak_hz < _NEXT * f_hz[0]),
-        "disk_margin": close or (near and own.disk_margin_hz < _NEXT * f_hz[0]),
+        "sensitivity_peak": higher or (near and own.sensitivity_peak_hz < _NEXT * f_hz[0]),
+        "disk_margin": higher or (near and own.disk_margin_hz < _NEXT * f_hz[0]),
     }
     names = [name for name, is_so in unknown.items() if is_so]
     names = [name for name in names if not math.isnan(getattr(own, name))]
