@@ -3,6 +3,8 @@
     |L|        between (|g| - 3 e)/(|1 + g| + 3 e) and (|g| + 3 e)/(|1 + g| - 3 e)            (1)
     arg(-L)    within 3 e/(|g| |1 + g|) rad,       g = -L/(1 + L), e: `measured.py`           (2)
 
+    |S| <= 1/||L| - 1|,  |S - T| <= (|L| + 1)/||L| - 1|                                       (3)
+
 A line is sure of a side of |L| = 1, or of L < 0, if (1) or (2) leave no other. A crossing counts
 if what is not sure of a side lies between two that are, on different sides, and is known within a
 tenth. Elsewhere such lines may hide one: a margin that it would make worse is not measured, nor is
@@ -27,7 +29,8 @@ STRONG = 0.1  # error of L at a line that counts, relative to it
 UNSURE = 0.04  # of a number
 _PEAK = 0.1
 _NEXT = 1.01  # of the lowest line: nearer than the next
-_FAR, _CLOSE = 50.0, 1.25  # of |L|: |S - T| is 1 within UNSURE; where it may be anything
+_CLOSE = 1.25  # of |L|: S - T may be anything
+_TURN, _LAG = 0.3, 0.02  # rad: of arg L to that of a power of s; lag that grows towards 0
 _LEVEL = 0.1  # of a loop that is constant below: sin arg L, the slope of log |L| over log f
 
 
@@ -99,9 +102,9 @@ def without_below(own: Margins, f_hz: Vector, response: Complex) -> tuple[Margin
     """Return the margins without those that L below the lowest line may change.
 
     For L of lines (n,) alone; a linear loop knows it. Where it is a constant at the lowest line it
-    is one below. Elsewhere "none" says more than lines can know. A peak at the lowest line may go
-    on below, but for |L| that is far from 1 there and leaves it; where |L| is close to 1 there, or
-    crosses it below alone, there may be a higher one.
+    is one below. Elsewhere "none" says more than lines can know. Where |L| leaves 1, no peak below
+    is higher than (3) of the lowest line, or than 1 where L is as an integrator's. Where |L| comes
+    to 1, a peak at the lowest line may go on; where no other crossing was seen, any may be below.
     """
     if len(f_hz) < 3:
         return own, []
@@ -111,17 +114,26 @@ def without_below(own: Margins, f_hz: Vector, response: Complex) -> tuple[Margin
         return own, []
     rises = slope < 0.0  # towards 0
     crosses = rises == (first < 1.0)
-    near = crosses or 1.0 / _FAR < first < _FAR
     nowhere = crosses and math.isinf(own.phase_margin_deg)
-    higher = nowhere or 1.0 / _CLOSE < first < _CLOSE
+    any_peak = nowhere or 1.0 / _CLOSE < first < _CLOSE
+    angle, later = np.angle(response[0]), np.angle(response[2] / response[0])
+    turn = math.remainder(angle - 0.5 * math.pi * slope, 2.0 * math.pi)
+    is_power = abs(turn) < _TURN and later < _LAG and slope > -1.0 - _LEVEL  # k s^slope, k > 0
     unknown = {
         "gain_margin": math.isinf(own.gain_margin) and (first < 1.0 or not rises),
         "gain_reduction": own.gain_reduction == 0.0 and (first > 1.0 or rises),
         "phase_margin_deg": nowhere,
         "delay_margin_s": nowhere,
-        "sensitivity_peak": higher or (near and own.sensitivity_peak_hz < _NEXT * f_hz[0]),
-        "disk_margin": higher or (near and own.disk_margin_hz < _NEXT * f_hz[0]),
     }
+    off = max(abs(first - 1.0), 1e-300)
+    highest = {  # below, by (3), of what was seen
+        "sensitivity_peak": 1.0 / (off * own.sensitivity_peak),
+        "disk_margin": 0.5 * own.disk_margin * (1.0 + first) / off,
+    }
+    for name, share in highest.items():
+        goes_on = getattr(own, PLACES[name]) < _NEXT * f_hz[0]
+        higher = share > 1.0 + UNSURE and (goes_on or not is_power)
+        unknown[name] = any_peak or (goes_on if crosses else higher)
     names = [name for name, is_so in unknown.items() if is_so]
     names = [name for name in names if not math.isnan(getattr(own, name))]
     return without_unsure(own, dict.fromkeys(names, _BELOW))

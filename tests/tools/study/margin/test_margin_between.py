@@ -214,6 +214,7 @@ W = 2.0 * np.pi * 0.05  # rad/s, a fifth of the lowest line
         (lambda s: 9.0 / (1.0 + 5.0 * s / W), f"{CROSSES} gain_margin gain_reduction {PEAKS}"),
         (lambda s: 9.0 * (1.0 + s / W) / (1.0 + 5.0 * s / W) ** 2 - 0.1 * s / (s + 400.0),
          f"{CROSSES} gain_reduction {PEAKS}"),
+        (lambda s: -4.0 / (1.0 + 0.5 * s / W) - 0.2 * s / (s + 400.0), f"gain_reduction {PEAKS}"),
         (lambda s: 4.0 * (s + W) ** 2 / s**3 / (1.0 + 0.01 * s), "gain_reduction disk_margin"),
         (lambda s: 0.9 * (s / (s + W)) ** 3, f"gain_margin {PEAKS}"),
         (lambda s: -0.6 / (1.0 + s / W), f"{CROSSES} gain_margin gain_reduction {PEAKS}"),
