@@ -9,6 +9,7 @@ from pcpc.tools.study.arrays import Complex
 from pcpc.tools.study.margin import impulse, linear, loops, measured, operating, sizes
 from pcpc.tools.study.margin.margins import Margins
 from pcpc.tools.study.margin.visible import (
+    CURVES,
     PLACES,
     STRONG,
     UNSURE,
@@ -151,10 +152,17 @@ def comparison(
 ) -> tuple[Margins, list[str]]:
     """Return the measured margins with why some are other than the linearised ones.
 
-    Those that lie between other frequencies than the lines are not measured.
+    Those that lie between other frequencies than the lines are not measured, nor are those that
+    differ where both loops have the same lines beside them.
 
     ours, response   of the linear loop, that at the measured lines (m,)
     """
+    unsure = dict[str, str]()
+    for name, share in differences(seen, ours).items():
+        f = getattr(ours, PLACES[name])
+        if share > UNSURE and own.f_hz[0] <= f <= own.f_hz[-1] and _is_equal(own, response, f):
+            unsure[name] = CURVES
+    seen, told = without_unsure(seen, unsure)
     better, worse, why_worse = dict[str, str](), list[str](), ""  # of the better ones, why
     for name, where, what in _PAIRS:
         linear_one, one, f = getattr(ours, name), getattr(seen, name), getattr(ours, where)
@@ -171,7 +179,7 @@ def comparison(
         linear_one, one, f = getattr(ours, name), getattr(seen, name), getattr(ours, where)
         if linear_one > _NEAR * one and not own.f_hz[0] <= f <= own.f_hz[-1]:
             seen, _ = without_unsure(seen, {name: ""})
-    notes = list[str]()
+    notes = unsure_notes(told)
     if better:
         why = next(iter(better.values()))
         notes.append(f"measured better than linearised: {', '.join(better)}: {why}")
@@ -195,6 +203,14 @@ def _apart(
     at = int(np.argmin(np.abs(np.log(own.f_hz / f_hz))))
     off = abs(own.response[at] / response[at] - 1.0)
     return float(off), float(own.error[at]), float(own.f_hz[at])
+
+
+def _is_equal(own: measured.MeasuredLoop, response: Complex, f_hz: float) -> bool:
+    """Return whether two loops are equal, within errors, at the lines on both sides of f_hz."""
+    above = max(1, int(np.searchsorted(own.f_hz, f_hz)))
+    both = slice(above - 1, above + 1)
+    off = np.abs(own.response[both] / response[both] - 1.0)
+    return bool((off <= _WITHIN * own.error[both] + _CLOSE).all())
 
 
 def no_small_loop(own: measured.MeasuredLoop, cut: loops.CutLoop, why: str) -> list[str]:

@@ -80,13 +80,13 @@ def visible_margins(
     if (turned & (high > 1.0) & (low * own.gain_reduction < 1.02)).any():
         own = replace(own, gain_reduction=math.nan, gain_reduction_hz=math.nan)
     own = _peaks(own, g, e)
-    others = {_CURVES: map(seen, every.more), _NOISE: map(seen, every.moved)}
+    others = {CURVES: map(seen, every.more), _NOISE: map(seen, every.moved)}
     unsure = {
         name: why for why, some in others.items() for one in some for name in _unsure(own, one)
     }
     if not every.meets:
         known = (name for name in PLACES if not math.isnan(getattr(own, name)))
-        unsure |= dict.fromkeys(known, _CURVES)
+        unsure |= dict.fromkeys(known, CURVES)
     return without_unsure(own, unsure)
 
 
@@ -143,7 +143,7 @@ _OF_DELAY = ("delay_margin_s", "delay_margin_samples")
 _OF_CROSSOVER = ("phase_margin_deg", "crossover_hz", *_OF_DELAY)
 _OF_PEAKS = ("sensitivity_peak", "sensitivity_peak_hz", "disk_margin", "disk_margin_hz")
 _BELOW = "L still moves at the lowest line"
-_CURVES, _NOISE = "the loop turns between two lines", "noise or a nonlinearity moves the lines"
+CURVES, _NOISE = "the loop turns between two lines", "noise or a nonlinearity moves the lines"
 PLACES = {
     "gain_margin": "gain_margin_hz", "gain_reduction": "gain_reduction_hz",
     "phase_margin_deg": "crossover_hz", "delay_margin_s": "crossover_hz",

@@ -163,25 +163,27 @@ def test_between_goes_through_the_lines_and_says_which_gaps_count() -> None:
     assert found.tolist() == [True, False, False, False, True, True, True]
 
 
-@pytest.mark.parametrize(("at_hz", "known"), [(0.1, False), (0.3, True), (499.9, False)])
+@pytest.mark.parametrize(("at_hz", "factor", "known"), [
+    (0.1, 2.0, False), (0.3, 2.0, True), (0.3, 1.01, False), (499.9, 2.0, False),
+])  # fmt: skip
 @pytest.mark.parametrize(("name", "ours", "seen"), [
     ("gain_reduction", 0.14, 0.0), ("sensitivity_peak", 2.06, 1.06),
 ])  # fmt: skip
 def test_what_is_worse_where_no_line_is_was_not_measured(
-    name: str, ours: float, seen: float, at_hz: float, known: bool
+    name: str, ours: float, seen: float, at_hz: float, factor: float, known: bool
 ) -> None:
-    """The linear loop knows of it below the lowest line, also where no disk margin was measured."""
+    """The linear loop knows of it below the lowest line, or between two lines that are its own."""
     true = replace(true_margins(45.7, 0.02, 0.3), disk_margin=math.nan)
     linear_one = replace(true, **{name: ours, f"{name}_hz": at_hz})
     lines = replace(true, **{name: seen, f"{name}_hz": math.nan})
-    own: Any = SimpleNamespace(f_hz=LINES, response=LINES + 0j, error=0.0 * LINES)
-    told, _ = notes.comparison(linear_one, own, lines, own.response)
+    own: Any = SimpleNamespace(f_hz=LINES, response=LINES + 0j, error=0.0 * LINES, amplitude=1.0)
+    told, _ = notes.comparison(linear_one, own, lines, factor * own.response)
     assert math.isnan(getattr(told, name)) != known
     late = replace(true, delay_margin_s=math.inf, delay_margin_samples=math.inf)
     early = replace(true, delay_margin_s=1.0, crossover_hz=at_hz)
-    told, _ = notes.comparison(early, own, late, own.response)
+    told, _ = notes.comparison(early, own, late, factor * own.response)
     assert math.isnan(told.delay_margin_s) == math.isnan(told.delay_margin_samples) != known
-    same, _ = notes.comparison(linear_one, own, linear_one, own.response)
+    same, _ = notes.comparison(linear_one, own, linear_one, factor * own.response)
     assert getattr(same, name) == ours, "seen as the linear loop has it"
 
 
