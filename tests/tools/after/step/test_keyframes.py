@@ -17,7 +17,6 @@ from processes import PATIENT, RIGS, ROOT, own_bus, pcpc
 
 from pcpc.executive.log import keyframes, mcap_reader
 from pcpc.executive.log import reader as logs
-from pcpc.executive.loop import keyframe_layout
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import planned_keyframes
 from pcpc.executive.nodes.plan import plan
@@ -205,7 +204,7 @@ def put(field: tuple[str, str], value: int, index: int = 0) -> Callable[[bytearr
 
     def into(state: bytearray) -> None:
         at = 0
-        for record, name, _, size in keyframe_layout.spans(VARIABLES, False):
+        for record, name, _, size in planned_keyframes.spans(VARIABLES, False):
             if (record, name) == field:
                 at += 8 * index
                 state[at : at + 8] = np.int64(value).tobytes()
@@ -284,7 +283,7 @@ def test_the_user_is_told_what_was_left_out_and_of_another_version_once(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(keyframe_layout, "name_of", lambda *_: "0" * 16)
+        patch.setattr(planned_keyframes, "name_of", lambda *_: "0" * 16)
         simulate(load_rig(RIGS / "engage.yaml", settings=list(SHORT)), tmp_path / "log.mcap")
     words = "--cycle", "350", "--node", "plant", "--json"
     done = run_here("replay", tmp_path / "log.mcap", "--quiet", *words)
