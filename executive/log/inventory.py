@@ -21,7 +21,7 @@ from pcpc.executive.rig.roles import ROLES
 Rows = NDArray[np.uint8]  # (messages, bytes of each record)
 
 KINDS = ("state", "timing", "can/frames", "events", "tunings")
-_OTHER_ENTRIES = {  # topics of JSON that not every log has; what the recorder counts of them
+OTHER_ENTRIES = {  # topics of JSON that not every log has; what the recorder counts of them
     name: word for name, word in ENTRY_KINDS.items() if name not in KINDS
 }
 _LEAST = {"state": 1, "timing": 1, "can/frames": 0, "tunings": 0}  # cycles from message to message
@@ -117,7 +117,7 @@ class Inventory:
             written = {key: run.get(f"written.{node}.{key}", 0) for key in ("record", "frame")}
             state, timing, frames, *others = (topic(node, kind) for kind in KINDS)
             columns |= {state: written["record"], frames: written["frame"]}
-            for name, word in _OTHER_ENTRIES.items():
+            for name, word in OTHER_ENTRIES.items():
                 columns[topic(node, name)] = run.get(f"written.{node}.{word}", 0)
             if f"variables:{timing}" in metadata or self.kept[timing]:  # imported logs have none
                 columns[timing] = written["record"]

@@ -3,7 +3,7 @@
     record: {keyframe: 1s}     in a rig file, the default; 0s for none
     /keyframes                 JSON: cycle, stamp_ns, passes, layout, crc, state
 
-`state` is what `executive.loop.keyframe_layout` lists, packed with zstd, in base64; `crc` is the
+`state` is what `executive.nodes.planned_keyframes` lists, packed with zstd, in base64; `crc` is the
 CRC-32 of what was packed; `layout` names what lies where. One that is damaged, of another layout,
 or of values that no node goes on from is left out and named, and the one before it serves. Where
 all have another layout, the node is recomputed from its start.
@@ -26,7 +26,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.description import LATEST, node_description
 from pcpc.executive.log.mcap_records import MESSAGE_HEAD, message_dtype
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.keyframe_layout import HEAD_WORDS
+from pcpc.executive.loop.layout import KEYFRAME_HEAD
 
 _TRIES = 20  # copies of one that is being written meanwhile
 _BACK_NS = 3 * 10**8  # that a search goes back at first, besides one distance of keyframes
@@ -57,7 +57,9 @@ class Keyframe:
 
 
 class Keyframes:
-    """Those that a node publishes, as entries of a log."""
+    """Those that a node publishes; an observer of `log.observers`."""
+
+    word, topic, waits = "keyframe", "keyframes", True
 
     def __init__(self, block: sh.NodeMemory) -> None:
         description = node_description(block.description)
@@ -65,27 +67,33 @@ class Keyframes:
         self._bytes = description["keyframe_bytes"] if description.get("keyframe_passes") else 0
         self._layout = description.get("keyframe_layout", "")
 
-    def look(self) -> tuple[int, int, dict[str, Any]] | None:
-        """Return stamp, cycle and entry of the newest one; None if it is known, or in the making.
+    @property
+    def schema(self) -> str | None:
+        """Return the name of their schema, None of a node without."""
+        return "Keyframe" if self._bytes else None
+
+    def look(self) -> Iterator[tuple[int, int, dict[str, Any]]]:
+        """Yield stamp, cycle and entry of the newest one."""
+        if (frame := self.newest()) is not None:
+            entry = _packed_state(frame.passes, self._layout, frame.state)
+            yield frame.stamp_ns, frame.cycle, entry
+
+    def newest(self) -> Keyframe | None:
+        """Return the newest one; None if it is known, or in the making.
 
         One that was overwritten since the last look is missed.
         """
-        if (frame := self.newest()) is None:
-            return None
-        return frame.stamp_ns, frame.cycle, _packed_state(frame.passes, self._layout, frame.state)
-
-    def newest(self) -> Keyframe | None:
-        """Return the newest one as `look` does."""
         for _ in range(_TRIES if self._bytes else 0):
             seq = int(self._block["keyframe_seq"][0])
             if seq == self._seen:
                 return None
-            data = self._block["keyframe"].view(np.uint8)[: 8 * HEAD_WORDS + self._bytes].tobytes()
+            whole = self._block["keyframe"].view(np.uint8)
+            data = whole[: 8 * KEYFRAME_HEAD + self._bytes].tobytes()
             if seq & 1 or int(self._block["keyframe_seq"][0]) != seq:
                 continue
             self._seen = seq
-            passes, cycle, stamp = map(int, np.frombuffer(data, "<i8", HEAD_WORDS))
-            return Keyframe(cycle, passes, stamp, data[8 * HEAD_WORDS :])
+            passes, cycle, stamp = map(int, np.frombuffer(data, "<i8", KEYFRAME_HEAD))
+            return Keyframe(cycle, passes, stamp, data[8 * KEYFRAME_HEAD :])
         return None
 
 

@@ -36,7 +36,7 @@ from pcpc.executive.log.frames import (
     frames_in,
     on_bus,
 )
-from pcpc.executive.log.inventory import SEQUENCE, TOPICS, topic
+from pcpc.executive.log.inventory import OTHER_ENTRIES, SEQUENCE, TOPICS, topic
 from pcpc.executive.log.mcap_reader import NONE, LogError, Scan, scan, walk
 from pcpc.executive.log.mcap_records import MESSAGE_HEAD, Times, message_dtype
 from pcpc.executive.rig.roles import ROLES as NODES
@@ -64,7 +64,7 @@ CARRIED = "files/"  # of attachments that `executive.own_laws.carried_files` des
 PIECE_BYTES = 1 << 23  # of a file that is read in pieces
 _PATIENCE_BYTES = 1 << 25  # unpacked, until a piece ends though one half of its records is ahead
 _STATES = {topic(name, "state") for name in NODES}
-_FRAMES = "/frames", "/keyframes"  # ends of topics
+_LARGE = "/frames", *(f"/{kind}" for kind in OTHER_ENTRIES)  # ends of topics
 _FIELD = re.compile(r"float64 (\w+)(.*)")
 
 
@@ -80,7 +80,7 @@ class NodeLog:
     events: list[dict[str, Any]]
     tunings: list[dict[str, Any]]
     description: NodeDescription
-    keyframes: Sequence[bytes] = ()  # entries of `executive.log.keyframes`
+    others: Mapping[str, Sequence[bytes]] = field(default_factory=dict)  # texts by OTHER_ENTRIES
 
 
 @dataclass(frozen=True)
@@ -132,8 +132,8 @@ def pieces(
 
     `missing` of a piece is what could not be read since the piece before. `see` gets the scan and
     each run of messages, channel and rows (n, bytes of a message), as they come; at the end channel
-    -1. `only`: of `walk`. With `short` there are no frames and keyframes, and a log whose nodes
-    have at most so many cycles is one piece.
+    -1. `only`: of `walk`. With `short` there are neither frames nor OTHER_ENTRIES, and a log whose
+    nodes have at most so many cycles is one piece.
     """
     scanned, begin, told_notes, waited, sifted = Scan(), 0, 0, 0, 0
     newest: dict[str, bytes] = {}  # sequence of the last message, by topic
@@ -174,12 +174,12 @@ def _is_level(scanned: Scan, newest: Mapping[str, bytes]) -> bool:
 
 
 def _leave_frames_out(scanned: Scan) -> None:
-    """Take frames and keyframes out of a scan; count frames that cannot be."""
+    """Take frames and OTHER_ENTRIES out of a scan; count frames that cannot be."""
     for name in {c.topic for c in scanned.channels.values() if c.topic.endswith("/frames")}:
         for size in FRAME_SIZES:
             _, sane = _frames_of(scanned, name, size)
             scanned.inventory.impossible[name] += len(sane) - int(sane.sum())
-    scanned.pieces = [p for p in scanned.pieces if not scanned.topic(p[0]).endswith(_FRAMES)]
+    scanned.pieces = [p for p in scanned.pieces if not scanned.topic(p[0]).endswith(_LARGE)]
 
 
 def assemble(path: Path, scanned: Scan, told_notes: int = 0) -> Log:
@@ -313,7 +313,7 @@ def _node(
         _objects(scanned, topic(name, "events"), notes),
         _objects(scanned, topic(name, "tunings"), notes),
         description,
-        _texts(scanned, topic(name, "keyframes")),
+        {kind: _texts(scanned, topic(name, kind)) for kind in OTHER_ENTRIES},
     )
 
 

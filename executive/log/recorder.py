@@ -21,13 +21,12 @@ from pcpc.drivers.machine import heap
 from pcpc.executive.errors import code_of
 from pcpc.executive.log.channels import Channels, register_objects, write_description
 from pcpc.executive.log.description import node_description
-from pcpc.executive.log.keyframes import Keyframes
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, RecordError
+from pcpc.executive.log.observers import OBSERVERS
 from pcpc.executive.log.run_counts import RunCounts
 from pcpc.executive.log.snapshot import Sink, SnapshotRing
 from pcpc.executive.loop import sharing
-from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.loop.ring_layout import RECORD_HEAD, OfEvent, OfRecord
 from pcpc.executive.loop.shared import RINGS, NodeMemory, SharedError
 
@@ -42,10 +41,10 @@ class _Node:
         description = node_description(block.description)
         self.block, self.about, self.name = block, description, description["node"]
         self.channels = Channels(description, writer)
-        self.alarms, self.keyframes = Alarms(block), Keyframes(block)
-        if description.get("keyframe_passes"):
-            self.channels.ids |= register_objects(writer, self.name, "Keyframe")
-        self.written = dict.fromkeys((*RINGS, "alarm", "keyframe"), 0)
+        self.observers = [observer(block) for observer in OBSERVERS]
+        schemas = (observer.schema for observer in self.observers)
+        self.channels.ids |= register_objects(writer, self.name, *filter(None, schemas))
+        self.written = dict.fromkeys((*RINGS, *(one.word for one in self.observers)), 0)
         self.backlog = dict.fromkeys(RINGS, 0)
         self.taken = {ring: _rows_taken(block, ring) for ring in RINGS}
         self.counts = RunCounts(description)
@@ -68,17 +67,12 @@ class _Node:
 
         The ring of the record keeps a row until `end_pass`.
         """
-        for alarm in self.alarms.look():
-            entry = {"event": "alarm", "name": alarm.kind, "value": float(alarm.count)}
-            stamp_ns = self.channels.stamp(time.monotonic_ns(), alarm.cycle)
-            message = self.channels.entry("events", stamp_ns, alarm.cycle, entry)
-            sink.write([message])
-            self.written["alarm"] += 1
-        if keyframe := self.keyframes.look():
-            machine_ns, cycle, state = keyframe
-            stamp_ns = self.channels.stamp(machine_ns, cycle)
-            sink.add([self.channels.entry("keyframes", stamp_ns, cycle, state)])
-            self.written["keyframe"] += 1
+        for observer in self.observers:
+            take = sink.add if observer.waits else sink.write
+            for machine_ns, cycle, entry in observer.look():
+                stamp_ns = self.channels.stamp(machine_ns, cycle)
+                take([self.channels.entry(observer.topic, stamp_ns, cycle, entry)])
+                self.written[observer.word] += 1
         full = False
         for ring in RINGS:
             rows, taken = self.block[ring], self.taken[ring]

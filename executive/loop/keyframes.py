@@ -1,9 +1,8 @@
-"""Keyframes: the loop copies once in a while what `executive.loop.keyframe_layout` names."""
+"""Keyframes: the loop copies once in a while what `nodes.planned_keyframes` has chosen."""
 
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.executive.loop.keyframe_layout import HEAD_WORDS
-from pcpc.executive.loop.layout import Loop
+from pcpc.executive.loop.layout import KEYFRAME_HEAD, Loop
 
 
 @loop_inline
@@ -21,7 +20,7 @@ def copy_out(n: Loop) -> None:
     libc.store_release(n.keyframe_seq, 0, s)
     libc.fence_release()
     n.keyframe[0], n.keyframe[1], n.keyframe[2] = n.passes, n.k, n.clock.wake
-    into, out_of = libc.address(n.keyframe) + 8 * HEAD_WORDS, libc.address(n.v)
+    into, out_of = libc.address(n.keyframe) + 8 * KEYFRAME_HEAD, libc.address(n.v)
     for i in range(keep.n):
         libc.memcpy(into, out_of + keep.span[i].start, keep.span[i].length)
         into += keep.span[i].length

@@ -37,6 +37,7 @@ from pcpc.executive.loop.sizes import (
 )
 from pcpc.executive.loop.timing_layout import BUCKETS, LATEST, STAGES, Figures, Late, Timing
 
+KEYFRAME_HEAD = 3  # words: passes, cycle, stamp ns
 KEYFRAME_WORDS, MAX_SPANS = 1 << 15, 64  # 256 KiB: the largest node fills half of it
 
 
@@ -53,7 +54,7 @@ class Published(Record, fills="end_of_published"):
     stages: Cells[Figures] = cells(STAGES)
     histogram: Cells[int] = cells(STAGES, BUCKETS)
     latest: Cells[Late] = cells(LATEST)
-    keyframe_seq: Cells[int] = cells(LINE_WORDS)  # see `executive.loop.keyframe_layout`
+    keyframe_seq: Cells[int] = cells(LINE_WORDS)  # see `executive.nodes.planned_keyframes`
     keyframe: Cells[int] = cells(KEYFRAME_WORDS)
     record: Cells[int] = cells(RECORD_RING_WORDS)
     frame: Cells[int] = cells(FRAME_RING_WORDS)
@@ -231,7 +232,7 @@ class Span(Element):
 
 
 class Keep(Record):
-    """What is kept in keyframes, see `executive.loop.keyframe_layout`."""
+    """What is kept in keyframes, see `executive.nodes.planned_keyframes`."""
 
     every: int  # passes; 0 for no keyframes
     next: int  # the pass behind which the next one is published

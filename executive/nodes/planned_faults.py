@@ -241,7 +241,7 @@ def _seam(made: Plan, key: str, name: str) -> tuple[int, int]:
     kind = table.variables[place].kind
     if kind == "sent":
         return injected_values.SENT, place
-    if kind != "parameter" or name.startswith(("timing.", "fault.")):
+    if kind != "parameter" or name.startswith("timing."):
         cure = "; disturb the input that it is wired to" if kind == "received" else ""
         raise rig.error(
             f"{key}.at",

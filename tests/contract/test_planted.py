@@ -61,7 +61,7 @@ def _fast(true: Any) -> Any:
     return lambda folder, flags: true(folder, ["-O2", "-ffast-math"])
 
 
-RESTORE = "pcpc.executive.loop.keyframe_layout.restore"
+RESTORE = "pcpc.executive.nodes.planned_keyframes.put_back"
 BRANCHING = "pcpc.tools.after.branch.branching"
 NONE_LEFT: Spoil = lambda true: lambda self: {}  # noqa: E731
 PLANTED: list[tuple[str, str, str, Spoil]] = [

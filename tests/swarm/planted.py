@@ -33,8 +33,8 @@ PLANTED: dict[str, tuple[str, str, str]] = {  # file, what stands there, what st
         "executive/log/recorder.py", "rows[start : start + count])\n                self.counts",
         "rows[start : start + max(count - 1, 1)])\n                self.counts"),
     "recorder: a keyframe a cycle late": (
-        "executive/log/recorder.py", '"keyframes", stamp_ns, cycle, state',
-        '"keyframes", stamp_ns, cycle + 1, state'),
+        "executive/log/keyframes.py", "yield frame.stamp_ns, frame.cycle, entry",
+        "yield frame.stamp_ns, frame.cycle + 1, entry"),
     "recorder: a tuning in single precision": (
         "executive/log/event_entries.py", 'return "tunings", {"name": variables[argument][0], ',
         'value = float(f"{number:.7g}")\n'
@@ -52,13 +52,13 @@ PLANTED: dict[str, tuple[str, str, str]] = {  # file, what stands there, what st
         f"{_AFTER}/verdict/frames.py", 'if counts["foreign"]:', 'if counts["foreign"] > 5:'),
     "keyframe: a robot's drive is left out": (
         "executive/nodes/planned_keyframes.py",
-        'layout.OF_DRIVE if profile == "cia402" else layout.OF_ROBOT', "layout.OF_DRIVE"),
+        'profile == planned_drive.CIA402', "profile"),
     "plan: slow frames a cycle later": (
         "drivers/can/frames.py", "max(1, round(self.cycle_ms * rate_hz / 1000))",
         "max(1, int(self.cycle_ms > 1) + round(self.cycle_ms * rate_hz / 1000))"),
     "keyframe: a record is left out": (
-        f"{_LOOP}/keyframe_layout.py", "in {**KEPT, **more}.items()",
-        'in [one for one in {**KEPT, **more}.items() if one[0] != "guard"]'),
+        "executive/nodes/planned_keyframes.py", "in KEPT.items()",
+        'in [one for one in KEPT.items() if one[0] != "guard"]'),
     "reader: a damaged record is not told": (
         "executive/log/mcap_reader.py",
         'scanned.add_note(f"{what} at byte {place} is damaged ({error}); {lost}")', "pass"),
@@ -154,7 +154,6 @@ PLANTED: dict[str, tuple[str, str, str]] = {  # file, what stands there, what st
 _COMPILED = (_LOOP, "drivers/can/codec", "drivers/can/e2e", "executive/batch/cycle")
 _KEEPING = ("pcpc.executive.nodes", "pcpc.executive.log", "pcpc.tools")  # rooms, results of calls
 _CACHED = type(cache(lambda: None))
-_INTERPRETED = (f"{_LOOP}/keyframe_layout.py",)
 _NO_JIT = "NUMBA_DISABLE_JIT"
 _SHORT_CYCLES = 160  # of a world that is interpreted, at most
 
@@ -192,8 +191,7 @@ def _is_found(name: str, for_s: float, seed: int) -> bool:
 
 
 def _is_compiled(name: str) -> bool:
-    file = PLANTED[name][0]
-    return file.startswith(_COMPILED) and file not in _INTERPRETED
+    return PLANTED[name][0].startswith(_COMPILED)
 
 
 def _is_in_lanes(name: str) -> bool:

@@ -40,7 +40,6 @@ from pcpc.tools.terminal.rooms import is_installed, part_of
 
 _DEVICE = "make/device"  # the room that replays a device's log
 _PIECE_BYTES = 1 << 20  # of the log, where only some of it is looked at
-OTHER_LAYOUT = "its keyframes are not compared: their layout is of another version"
 _OF_MANY = ("brief", "table", "sign", "check", "signers", "identity", "junit", "jobs")
 _OF_ONE = ("since", "until", "show", "controller", "set")
 END = "end of the node"  # as a difference
@@ -232,11 +231,8 @@ class NodeComparison:
             "--fmu FILE runs it"
             for name, model in fmus.items()
         ]
-        layout = "" if changed else about.get("keyframe_layout", "")
-        self.keyframes = KeyframeCheck(self.replay, self.verdict, layout)
+        self.keyframes = KeyframeCheck(self.replay, self.verdict, {} if changed else about)
         self.recorded.every = self.keyframes.every
-        if about.get("keyframe_passes") and not (self.keyframes.every or changed):
-            self.verdict.from_record.append(OTHER_LAYOUT)
         self.notes: list[str] = []  # on keyframes
         self.since_ns = self._passes = 0  # log time and passes of the cycle behind which it begins
         if seek:

@@ -38,7 +38,8 @@ FEATURES = {  # of a node: what names it in drivers and executive
 LISTS = (  # in which a feature is a row
     "executive/nodes/parts.py", "executive/loop/layout.py", "executive/loop/control.py",
     "executive/loop/faults.py", "executive/loop/events.py", "executive/loop/doubts.py",
-    "executive/rig/file_laws.py", "executive/log/description.py", "executive/log/schemas.py",
+    "executive/rig/file_laws.py", "executive/log/description.py", "executive/log/observers.py",
+    "executive/log/schemas.py",
     "drivers/can/e2e_states.py",
 )  # fmt: skip
 LONGEST = 8  # functions that are listed

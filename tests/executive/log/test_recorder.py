@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -288,7 +289,8 @@ def test_a_drained_node_sees_the_recorder_lag_until_the_others_are_drained(
     for block in blocks:
         put_cycle(block, 0)
     before_plant: list[list[bool]] = []
-    monkeypatch.setattr(log.nodes[1].alarms, "look", lambda: before_plant.append(lagging()) or [])
+    first: Any = log.nodes[1].observers[0]
+    monkeypatch.setattr(first, "look", lambda: before_plant.append(lagging()) or [])
     log.drain()
     assert before_plant == [[True, True]] and lagging() == [False, False]
     log.finish()

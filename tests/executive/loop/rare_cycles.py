@@ -5,6 +5,7 @@ Run interpreted, see `test_interpreted_loop.py`: functions of the loop are calle
 
 import signal
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,6 @@ from pcpc.executive.loop import (
     clock,
     draws,
     faults,
-    keyframe_layout,
     losses,
     meeting,
     reception,
@@ -37,6 +37,7 @@ from pcpc.executive.loop.fault_kinds import WrongValue as Wrong
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.injected_values import wrong
 from pcpc.executive.loop.injection import BURST, SHARE
+from pcpc.executive.loop.layout import KEYFRAME_HEAD
 from pcpc.executive.loop.limits import check_finite
 from pcpc.executive.loop.ring_layout import OfFrame
 from pcpc.executive.loop.rings import push_frame
@@ -46,6 +47,7 @@ from pcpc.executive.loop.states import State
 from pcpc.executive.loop.strangers import blame
 from pcpc.executive.loop.supervisor import Overrun, judge_overrun
 from pcpc.executive.loop.timing_layout import Stage
+from pcpc.executive.nodes import planned_keyframes
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory
 from pcpc.executive.rig.reading import load_rig
@@ -275,25 +277,25 @@ def test_a_fault_is_told_with_its_frame(fault: Fault, word: int, said: str) -> N
 
 def test_a_keyframe_is_all_that_a_node_carries_and_nothing_impossible(bench: Bench) -> None:
     node = bench.executive
-    held = keyframe_layout.spans(int(node.loop.n_variables), False)
-    keyframe_layout.install(node.loop, held, 100)
+    held = planned_keyframes.spans(int(node.loop.n_variables), False)
+    planned_keyframes.let_keep(node.loop, held, 100)
     node.loop.keep.next = node.loop.passes
     bench.run(1)
-    size = keyframe_layout.size_of(held)
-    state = node.loop.keyframe.view(np.uint8)[8 * keyframe_layout.HEAD_WORDS :][:size].tobytes()
+    size = planned_keyframes.size_of(held)
+    state = node.loop.keyframe.view(np.uint8)[8 * KEYFRAME_HEAD :][:size].tobytes()
     assert _held_bytes(held, node.loop) == state
     bench.run(3)
     assert _held_bytes(held, node.loop) != state
-    keyframe_layout.restore(node.loop, held, state)
+    planned_keyframes.put_back(node.loop, held, state)
     assert _held_bytes(held, node.loop) == state
-    assert keyframe_layout.impossible(held, state) == ""
+    assert planned_keyframes.impossible(held, state) == ""
     wrong = np.frombuffer(state, np.uint8).copy()
     at = sum(size for *_, size in held[:1])
     wrong[at : at + 8] = 255, 255, 255, 255, 255, 255, 255, 0x7F
-    assert keyframe_layout.impossible(held, wrong.tobytes()).startswith("control.")
+    assert planned_keyframes.impossible(held, wrong.tobytes()).startswith("control.")
 
 
-def _held_bytes(held: list[keyframe_layout.Span], loop_record: Any) -> bytes:
+def _held_bytes(held: Sequence[planned_keyframes.Span], loop_record: Any) -> bytes:
     """Return what of a node is in its keyframes, as it stands."""
     whole = loop_record.tobytes()
     return b"".join(whole[offset : offset + size] for _, _, offset, size in held)

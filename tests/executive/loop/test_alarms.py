@@ -99,9 +99,10 @@ def test_without_a_clock_nothing_is_an_alarm(tmp_path: Path) -> None:
     assert not list(Alarms(made).look(1.0))
 
 
-def test_alarms_are_events_of_the_log(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("keeps", [0, 10**9], ids=["all", "part"])
+def test_alarms_are_events_of_the_log_also_of_a_part(tmp_path: Path, name: str, keeps: int) -> None:
     made = block_of(name)
-    made.description["alarms"] = {"late_us": None}
+    made.description |= {"alarms": {"late_us": None}, "keep_ns": keeps, "keep_on": ["fault"]}
     recorder = Recorder(tmp_path / "log.mcap", [made])
     for cycle in range(8):
         put_cycle(made, cycle)
@@ -109,7 +110,9 @@ def test_alarms_are_events_of_the_log(tmp_path: Path, name: str) -> None:
     made.control.crc_errors = 2
     recorder.drain()
     recorder.finish()
-    (event,) = read(tmp_path / "log.mcap").node["executive"].events
+    node = read(tmp_path / "log.mcap").node["executive"]
+    assert len(node.cycle) == (0 if keeps else 8)
+    (event,) = node.events
     assert (event["event"], event["name"], event["value"], event["cycle"]) == (
         "alarm", "crc", 2, 7,
     ), event  # fmt: skip

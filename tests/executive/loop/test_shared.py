@@ -15,12 +15,13 @@ import pytest
 from engine import ROOT, SLEW10, Bench, both
 from places import PATIENCE_S
 
-from pcpc.executive.loop import keyframe_layout, sharing
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import sharing
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.layout import Loop
 from pcpc.executive.loop.requests import SLOTS
 from pcpc.executive.loop.ring_layout import EventRow, OfEvent
+from pcpc.executive.nodes import planned_keyframes
 from pcpc.executive.nodes.plan import Plan, describe
 from pcpc.executive.rig.reading import load_rig
 
@@ -246,8 +247,8 @@ def test_the_rows_of_events_have_the_columns_that_clients_take() -> None:
 
 def test_keyframes_hold_what_those_of_older_logs_hold() -> None:
     held = [
-        [(record, name, size) for record, name, _, size in keyframe_layout.spans(9, faults, more)]
-        for more in (keyframe_layout.NO_DRIVE, keyframe_layout.OF_DRIVE, keyframe_layout.OF_ROBOT)
+        [(record, name, size) for record, name, _, size in planned_keyframes.spans(9, faults, kind)]
+        for kind in (None, "cia402", "odrive")
         for faults in (True, False)
     ]
     kinds = [str(kind.dtype) for kind in Loop.records().values()]

@@ -1,6 +1,7 @@
 """Parts of a node: each can be taken out or added alone, and the order is that of the table."""
 
 import re
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -8,12 +9,14 @@ import numpy as np
 import pytest
 from fd_rig import fd_rig
 from installed import loop_of
+from motors import motors
 from places import ROOT
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.injection_layout import MAX_FAULTS
 from pcpc.executive.loop.ring_layout import RECORD_HEAD, frame_words
 from pcpc.executive.loop.sending import LastWord
 from pcpc.executive.loop.supervisor import Overrun
@@ -349,6 +352,67 @@ def test_a_fault_is_set_in_the_cycle_before_it_acts_or_in_its_own(begins: str, c
         made = plan_of(text, role)
         places = {one.place: one.name for one in made.faults}
         assert {places[place]: at for at, place, _ in made.schedule} == cycles
+
+
+def test_a_fault_behind_the_end_is_refused_but_for_a_run_that_is_cut_short() -> None:
+    text = "faults: {it: {kind: nan, at: tx.CMD.command, from: 50ms}}"
+    assert loop_of("executive", "real", "duration_s=0.02", text=text).faults.n == 1
+    for settings in (("duration_s=0.02", "faults.it.from=50ms"), ("faults.it.from=1min",)):
+        with pytest.raises(RigError, match="is after the end of the run at"):
+            loop_of("executive", "real", *settings, text=text)
+
+
+@pytest.mark.parametrize(("begins", "first", "cycles"), [
+    ("from: 9.94s, every: 20ms, for: 5ms", 9940, {9940, 9960, 9980}),
+    ("every: 4s, for: 5ms", 0, {0, 4000, 8000}),
+    ("from: 9.96s, times: 30, for: 1ms", 9960, None),
+])  # fmt: skip
+def test_a_fault_begins_again_from_its_first_begin_to_the_end_of_the_run(
+    begins: str, first: int, cycles: set[int] | None
+) -> None:
+    made = plan_of(f"faults: {{it: {{kind: nan, at: tx.CMD.command, {begins}}}}}", "executive")
+    found = [at for at, place, _ in made.schedule if made.names[place] == "fault.it.left"]
+    assert set(found) == cycles if cycles else len(found) == 30 and len(set(found)) > 10
+    assert min(found) >= first and max(found) < 10_000
+
+
+def test_a_fault_is_none_of_another_fault() -> None:
+    text = "faults: {a: {kind: nan, at: tx.CMD.command}, b: {kind: nan, at: fault.a.value}}"
+    with pytest.raises(RigError, match=r"faults\.b\.at: no variable fault\.a\.value"):
+        plan_of(text, "executive")
+
+
+def test_a_node_holds_as_many_faults_as_it_says() -> None:
+    text = "".join(f"  f{i}: {{kind: nan, at: tx.CMD.command}}\n" for i in range(MAX_FAULTS))
+    n = loop_of("executive", "real", text=f"faults:\n{text}")
+    assert n.faults.n == n.faults.n_places == MAX_FAULTS
+
+
+@pytest.mark.parametrize(("pacing", "waits"), [("lockstep", 1), ("real", 0)])
+def test_a_node_knows_of_the_stall_of_another_only_where_it_would_wait(
+    pacing: str, waits: int
+) -> None:
+    n = loop_of("executive", pacing, text="faults: {still: {kind: stall, node: plant}}")
+    assert (n.faults.n_own_stalls, n.faults.n_peer_stalls, n.faults.n_places) == (0, waits, waits)
+
+
+def test_a_fault_of_a_frame_acts_at_the_receiver_that_it_names_or_at_all(tmp_path: Path) -> None:
+    faults = "own: {kind: loss, frame: SYNC, node: plant_2}, all: {kind: loss, frame: SYNC}"
+    rig = load_rig(motors(tmp_path, 3, more=f"faults: {{{faults}}}\n"))
+    found = {role: planning.plan(rig, role, "lockstep").faults for role in rig.roles}
+    assert {role: [one.name for one in those] for role, those in found.items()} == {
+        "executive": [], "plant": ["all"], "plant_2": ["own", "all"], "plant_3": ["all"],
+    }  # fmt: skip
+
+
+def test_a_wrong_length_is_at_most_that_of_the_longest_frame_of_its_kind(tmp_path: Path) -> None:
+    for frame, most in (("FB", 64), ("HB_PLANT", 8)):
+        for size, fits in ((most, True), (most + 1, False)):
+            fault = f"faults: {{x: {{kind: length, frame: {frame}, value: {size}}}}}"
+            (folder := tmp_path / f"{frame}{size}").mkdir()
+            rig = load_rig(fd_rig(folder, fault))
+            with nullcontext() if fits else pytest.raises(RigError, match=f"outside 0..{most},"):
+                planning.plan(rig, "executive", "real")
 
 
 def test_more_limits_of_received_values_than_a_node_holds_are_refused(

@@ -14,11 +14,11 @@ from processes import PATIENT, RIGS, own_bus, pcpc
 
 from pcpc.executive.log import keyframes
 from pcpc.executive.log import reader as logs
-from pcpc.executive.loop import keyframe_layout
 from pcpc.executive.nodes import planned_keyframes
 from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.after.keyframe_check import OTHER_LAYOUT
 from pcpc.tools.after.replay import NodeComparison, recomputed_pieces
 
 SHORT = ("duration_s=0.45", "record.keyframe=100ms")
@@ -94,7 +94,7 @@ def test_each_field_that_a_keyframe_holds_is_compared(
     at: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of all but the variables one byte is changed: found, unless it is a clock's or a counter."""
-    spans = keyframe_layout.spans(len(PLAN.table.variables), bool(PLAN.faults))
+    spans = planned_keyframes.spans(len(PLAN.table.variables), bool(PLAN.faults))
     record, name, _, size = spans[1 + at % (len(spans) - 1)]
     start = sum(one[3] for one in spans[: 1 + at % (len(spans) - 1)])
 
@@ -133,18 +133,48 @@ def test_a_damaged_one_is_told_and_is_no_pass(
     assert verified.code == 3 and "keyframe" in verified.out, verified
 
 
-def test_those_of_another_layout_are_not_taken_for_compared(
+def of_another_layout(
+    path: Path, patch: pytest.MonkeyPatch, changed: Sequence[int] = (), shorter: int = 0
+) -> Path:
+    """Return a log of a version with other names of layouts.
+
+    `changed`: cycles whose states have another bit; `shorter`: bytes that all states have less.
+    """
+    packed, size_of, place = keyframes._packed_state, planned_keyframes.size_of, len(PLAN.names)
+
+    def other(passes: int, name: str, state: bytes) -> dict[str, Any]:
+        bit = bytes([state[8 * place] ^ (passes in changed)])  # of the first control word
+        return packed(passes, name, state[: 8 * place] + bit + state[8 * place + 1 :])
+
+    with patch.context() as here:
+        here.setattr(planned_keyframes, "name_of", lambda *_: "0" * 16)
+        here.setattr(planned_keyframes, "size_of", lambda held: size_of(held) - shorter)
+        here.setattr(keyframes, "_packed_state", other)
+        simulate(load_rig(RIGS / "engage.yaml", settings=list(SHORT)), path)
+    return path
+
+
+def test_those_of_another_layout_are_compared_if_they_have_the_bits_of_this_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with monkeypatch.context() as patch:
-        patch.setattr(keyframe_layout, "name_of", lambda *_: "0" * 16)
-        simulate(load_rig(RIGS / "engage.yaml", settings=list(SHORT)), tmp_path / "log.mcap")
-    code, nodes = replay(tmp_path / "log.mcap")
-    assert code == 0 and nodes["executive"]["keyframes"] == 0
-    assert "keyframes are not compared" in nodes["executive"]["from_record"][0]
-    assert run_here("replay", "--brief", tmp_path / "log.mcap", "--quiet").code == 3, (
-        "not all was judged"
-    )
+    path = of_another_layout(tmp_path / "log.mcap", monkeypatch)
+    code, nodes = replay(path)
+    assert code == 0 and [one["keyframes"] for one in nodes.values()] == [4, 4]
+    assert not any(one["from_record"] for one in nodes.values())
+    assert run_here("replay", "--brief", path, "--quiet").code == 0
+
+
+@pytest.mark.parametrize(("changed", "shorter"), [((99,), 0), ((399,), 0), ((99, 399), 0), ((), 8)])
+def test_other_bits_of_another_layout_are_neither_compared_nor_a_difference(
+    changed: Sequence[int], shorter: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = of_another_layout(tmp_path / "log.mcap", monkeypatch, changed, shorter)
+    code, nodes = replay(path)
+    found = nodes["executive"]
+    assert code == 0 and found["keyframes"] == 0 and found["missing"] == []
+    assert found["from_record"] == [OTHER_LAYOUT] and found["first"] is None
+    verified = run_here("replay", "--brief", path, "--quiet")
+    assert verified.code == 3 and "the version that wrote the log" in verified.out, "not all judged"
 
 
 def test_with_a_change_they_are_not_compared(log: Path) -> None:

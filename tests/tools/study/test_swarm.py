@@ -101,7 +101,7 @@ PLANTED: list[tuple[str, World, str, Spoil]] = [
     ("bits", {}, INSTALL, _a_bit_off(2)),
     ("replayed", {}, "pcpc.executive.nodes.slices.tuning_of",
      lambda true: lambda entry: (true(entry)[0] + 1, *true(entry)[1:])),
-    ("keyframe", {}, "pcpc.executive.loop.keyframe_layout.restore", _keyframe_off),
+    ("keyframe", {}, "pcpc.executive.nodes.planned_keyframes.put_back", _keyframe_off),
     ("branched", {}, "pcpc.tools.after.branch.branching._tune_later",
      lambda true: lambda node, later: None),
     ("in_lanes", {}, "pcpc.executive.batch.group.LaneGroup.begin", _a_lane_off),

@@ -17,9 +17,9 @@ from processes import PATIENT, RIGS, ROOT, own_bus, pcpc
 
 from pcpc.executive.log import keyframes, mcap_reader
 from pcpc.executive.log import reader as logs
-from pcpc.executive.loop import keyframe_layout
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import planned_keyframes
+from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
@@ -166,6 +166,60 @@ def test_what_a_fault_makes_of_a_parameter_is_a_state_that_a_run_has() -> None:
     assert said == "controller.gain is 1e+12, which no run has"
 
 
+def test_a_fault_of_a_frame_spoils_no_variable() -> None:
+    probe = ROOT / "plants/probe/rig.yaml"
+    text = f"base: {probe}\nrig: far\nfaults: {{bits: {{kind: corruption, frame: FB}}}}\n"
+    made = plan(load_rig(probe.with_name("far.yaml"), text=text), "executive", "lockstep")
+    state = bytearray(planned_keyframes.size_of(planned_keyframes.held_spans(made)))
+    place = made.faults[0].target
+    assert made.table.variables[place].kind not in planned_keyframes._ANY_NUMBER
+    state[8 * place : 8 * place + 8] = np.float64(np.nan).tobytes()
+    said = planned_keyframes.why_none(made, bytes(state))
+    assert said == f"{made.names[place]} is nan, which no run has"
+
+
+def test_what_a_drive_says_is_a_number_and_what_frames_and_laws_say_may_be_none() -> None:
+    made = plan(load_rig(ROOT / "tests/drivers/canopen/mastered.yaml"), "plant", "lockstep")
+    values = np.array([made.values.get(i, 0.0) for i in range(len(made.names))])
+    rest = bytes(planned_keyframes.size_of(planned_keyframes.held_spans(made)) - values.nbytes)
+    signals = {
+        i: one.writer == "drive"
+        for i, one in enumerate(made.table.variables)
+        if one.kind in planned_keyframes._ANY_NUMBER
+    }
+    assert set(signals.values()) == {True, False}
+    for i, of_drive in signals.items():
+        (wrong := values.copy())[i] = np.nan
+        said = planned_keyframes.why_none(made, wrong.tobytes() + rest)
+        assert said == (f"{made.names[i]} is nan, which no run has" if of_drive else "")
+
+
+def test_a_layout_has_its_name_from_fields_types_and_variables_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    held, names = planned_keyframes.held_spans(PLAN), PLAN.names
+    own = planned_keyframes.name_of(held, names)
+    moved = [(record, name, offset + 64, size) for record, name, offset, size in held]
+    assert planned_keyframes.name_of(moved, names) == own, "another record grew"
+    assert planned_keyframes.name_of(held[:-1], names) != own
+    assert planned_keyframes.name_of([*held[:-2], held[-1], held[-2]], names) != own
+    assert planned_keyframes.name_of(held, [*names[:-1], "another"]) != own
+    monkeypatch.setattr(planned_keyframes, "_kind_of", lambda *_: "<i4")
+    assert planned_keyframes.name_of(held, names) != own
+
+
+def test_of_a_record_the_columns_that_it_carries_are_put_back_and_no_others() -> None:
+    loop: Any = np.recarray(1, sh.LOOP, sh.blank())[0]
+    install_in_memory(PLAN, loop)
+    before, held = loop.copy(), planned_keyframes.held_spans(PLAN)
+    planned_keyframes.put_back(loop, held, b"\1" * planned_keyframes.size_of(held))
+    for record, name, _, _ in held[1:]:
+        columns = planned_keyframes.KEPT[record][name]
+        for column in loop[record][name].dtype.names or ():
+            same = loop[record][name][column].tobytes() == before[record][name][column].tobytes()
+            assert same == (bool(columns) and column not in columns), (record, name, column)
+
+
 def test_all_cycles_are_those_of_a_log_without(log: Path, tmp_path: Path) -> None:
     settings = ["duration_s=0.45", "record.keyframe=0s"]
     simulate(load_rig(RIGS / "engage.yaml", settings=settings), tmp_path / "log.mcap")
@@ -205,7 +259,7 @@ def put(field: tuple[str, str], value: int, index: int = 0) -> Callable[[bytearr
 
     def into(state: bytearray) -> None:
         at = 0
-        for record, name, _, size in keyframe_layout.spans(VARIABLES, False):
+        for record, name, _, size in planned_keyframes.spans(VARIABLES, False):
             if (record, name) == field:
                 at += 8 * index
                 state[at : at + 8] = np.int64(value).tobytes()
@@ -284,7 +338,7 @@ def test_the_user_is_told_what_was_left_out_and_of_another_version_once(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(keyframe_layout, "name_of", lambda *_: "0" * 16)
+        patch.setattr(planned_keyframes, "name_of", lambda *_: "0" * 16)
         simulate(load_rig(RIGS / "engage.yaml", settings=list(SHORT)), tmp_path / "log.mcap")
     words = "--cycle", "350", "--node", "plant", "--json"
     done = run_here("replay", tmp_path / "log.mcap", "--quiet", *words)
@@ -340,14 +394,45 @@ def test_a_state_in_the_making_is_not_taken(log: Path) -> None:
     run = VirtualRun(load_rig(RIGS / "engage.yaml", settings=list(SHORT)), None)
     block = run.blocks[0]
     watch = keyframes.Keyframes(block)
-    assert watch.look() is None
+    assert watch.newest() is None
     for _ in run.advance():
         break
     block["keyframe_seq"][0] += 1
-    assert watch.look() is None, "odd: it is being written"
+    assert not list(watch.look()), "odd: it is being written"
     block["keyframe_seq"][0] += 1
-    found = watch.look()
-    assert found is not None and found[1] == 99 and watch.look() is None
+    ((_, cycle, _),) = watch.look()
+    assert cycle == 99 and not list(watch.look())
+
+
+class Overtaken:
+    """A node's memory, in which a further keyframe is written while the first is copied."""
+
+    def __init__(self, block: Any) -> None:
+        self.description, self._block, self.looks = block.description, block, 0
+
+    def __getitem__(self, name: str) -> Any:
+        if name == "keyframe_seq":
+            self.looks += 1
+            if self.looks == 2:
+                self._block[name][0] += 2
+                self._block["keyframe"][1] += 100  # its cycle
+        return self._block[name]
+
+
+def test_a_state_that_another_overtakes_is_copied_again() -> None:
+    run = VirtualRun(load_rig(RIGS / "engage.yaml", settings=list(SHORT)), None)
+    next(run.advance())
+    memory: Any = Overtaken(run.blocks[0])
+    frame = keyframes.Keyframes(memory).newest()
+    assert frame is not None and frame.cycle == 199 and memory.looks == 4
+
+
+def test_a_cycle_is_recomputed_from_a_keyframe_of_one_before_it(log: Path) -> None:
+    node = logs.read(log).node["executive"]
+    size, layout = node.description["keyframe_bytes"], node.description["keyframe_layout"]
+    text = node.others["keyframes"][1]
+    found = [keyframes.keyframe_of(text, 0, size, layout, before) for before in (198, 199, 200)]
+    assert [frame and frame.cycle for frame in found] == [None, None, 199]
 
 
 def test_processes_that_keep_time_have_them_too(tmp_path: Path) -> None:
