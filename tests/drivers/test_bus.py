@@ -5,6 +5,7 @@ import inspect
 import os
 import re
 import socket
+import struct
 import sys
 import threading
 import time
@@ -346,6 +347,10 @@ def test_a_bus_of_a_package_carries_frames_or_says_why_it_cannot(cable: str) -> 
     for end, other in (ends, ends[::-1]):
         send(end, 0x123, b"abc")
         assert receive(other) == (0x123, b"abc")
+    with socket.socket(fileno=os.dup(ends[0].fd_rx)) as receiver:
+        limit = receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, 16)
+    seconds, us = struct.unpack("@ll", limit)
+    assert seconds == 0 < us, "a receive ends, and the stop word is looked at"
     for end in ends:
         os.close(end.fd_tx)
         os.close(end.fd_rx)

@@ -1,6 +1,7 @@
 """The frames of drives in `pcpc bus`, against the emulated line, and their names in a log."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -60,6 +61,22 @@ def test_a_drive_s_own_frames_are_counted(
     found = {row["name"]: round(row["period_us"] / 1000) for row in rows}
     assert own.items() <= found.items(), found
     assert main(["bus", file]) == 0 and "SDOs, EMCY" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("kind", "inhibit", "period_ms"), [(3, 0, 3), (240, 500, 240), (254, 0, 1), (255, 500, 50)]
+)
+def test_a_tpdo_comes_with_each_nth_sync_or_after_its_inhibit_time(
+    kind: int, inhibit: int, period_ms: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (TEMPLATES / "drive_cia402.yaml").read_text()
+    objects = f'objects: {{"1800.2": {kind}, "1800.3": {inhibit}, '
+    shutil.copytree(TEMPLATES, tmp_path / "rigs")
+    file = tmp_path / "rigs/drive_cia402.yaml"
+    file.write_text(text.replace("objects: {", objects))
+    assert main(["bus", str(file), "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["buses"][0]["frames"]
+    assert [row["period_us"] for row in rows if row["name"] == "TPDO1 5"] == [1e3 * period_ms]
 
 
 def test_a_log_names_them_but_for_those_of_the_dbc_file() -> None:

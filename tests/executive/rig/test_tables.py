@@ -203,6 +203,9 @@ def test_a_damaged_log_is_no_reference(motor: Callable[..., Path], tmp_path: Pat
     rig.write_text(rig.read_text().replace("move.csv", "../first/log.mcap"))
     with pytest.raises(RigError, match=r"log\.mcap: the end: nothing is readable after byte"):
         load_rig(rig)
+    rig.write_text(rig.read_text().replace(", signal: reference.q_d_rad", ""))
+    with pytest.raises(RigError, match="reference: give `signal: NAME` of the log"):
+        load_rig(rig)
 
 
 def test_the_newest_rows_count_however_often_a_file_is_changed(motor: Callable[..., Path]) -> None:
@@ -228,6 +231,7 @@ def test_the_newest_rows_count_however_often_a_file_is_changed(motor: Callable[.
         ("t_s,a,a\n0,0,0\n1,1,1\n", "interpolation: hold", "column 'a': named twice"),
         ("\x93\xff", "interpolation: hold", "the first line names the columns"),
         ("t_s,q_d_rad\n0,0\n1,1\n", "repeat: true", ".reference: give `interpolation: linear` or"),
+        ("t_s,q_d_rad\n0,0\n1,1\n", "signal: q_d_rad", "reference: only a log (.mcap) has sig"),
         ("t_s,q_dd_rad\n0,0\n1,1\n", "interpolation: linear",
          "no variable 'reference.q_d_rad'; did you mean reference.q_dd_rad?"),
         ("t_s,q_d_rad [deg]\n0,0\n1,1\n", "interpolation: linear", "wire a variable of the same"),

@@ -138,6 +138,14 @@ def test_a_boot_image_that_is_not_a_bzimage_is_kept_as_it_is() -> None:
     assert unpack.bootable(image) == image
 
 
+def test_a_module_that_only_zstd_unpacks_names_the_program(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(vm.VmError, match="missing zstd"):
+        unpack.decompress(b"\x28\xb5\x2f\xfd")
+
+
 @given(st.binary(max_size=300), st.lists(st.integers(1, 40), max_size=30))
 def test_a_stream_ends_at_its_mark_however_it_is_cut(data: bytes, cuts: list[int]) -> None:
     mark = b"abac" * 4

@@ -43,7 +43,7 @@ def test_a_linear_model_gives_the_least_squares_estimate_and_its_covariance():
 def test_the_covariance_of_correlated_residuals_is_that_of_their_generator():
     rho, seeds, spread = 0.8, 400, []
     x = np.ones((ROWS, 1, 1))
-    told = []
+    told, lags = [], []
     for seed in range(seeds):
         white = np.random.default_rng(seed).standard_normal(ROWS)
         r = np.empty(ROWS)
@@ -51,9 +51,13 @@ def test_the_covariance_of_correlated_residuals_is_that_of_their_generator():
         for k in range(1, ROWS):
             r[k] = rho * r[k - 1] + white[k]
         spread.append(r.mean())
-        told.append(covariances(x, r[:, None])[0][0, 0])
+        covariance, _, lag = covariances(x, r[:, None])
+        told.append(covariance[0, 0])
+        lags.append(lag)
     ratio = np.mean(told) / np.var(spread)
     assert 0.7 < ratio < 1.15, f"told {ratio:.2f} of the true variance; a white one tells 0.11"
+    of_andrews = 1.1447 * (4.0 * rho**2 * ROWS / (1.0 - rho**2) ** 2) ** (1.0 / 3.0)
+    assert 0.85 * of_andrews < np.median(lags) < 1.1 * of_andrews, (np.median(lags), of_andrews)
 
 
 def test_95_percent_intervals_hold_95_percent_of_the_time():

@@ -15,6 +15,7 @@ from foreign import (
     some_frames,
 )
 
+from pcpc.drivers.can.wire_layout import Flag
 from pcpc.tools.after.log.recording import ForeignRecording, read
 from pcpc.tools.terminal.progress import Progress
 
@@ -154,6 +155,14 @@ def test_each_object_counts_as_what_it_is(
     lengths.remove(len(FRAMES[0].data))
     outcome = [*lengths, *account.left_out] + ["other"] * account.others
     assert outcome == [expected] and account.is_whole is not (expected == "CAN XL"), account
+
+
+@pytest.mark.parametrize("marks", range(4))
+def test_the_marks_of_a_frame_of_can_fd_are_kept(marks: int, tmp_path: Path) -> None:
+    parts = [fd_64(8, 8, bytes(8), 0x1000 + (marks << 13)), fd_100(8, 8, 1 + (marks << 1))]
+    found = recorded(tmp_path, blf_file([blf_container(b"".join(parts))], 2))
+    expected = Flag.FD + (marks & 1) * Flag.BRS + (marks >> 1) * Flag.ESI
+    assert found.frames["flags"].tolist() == [expected] * 2
 
 
 @pytest.mark.parametrize("version", [1, 2])

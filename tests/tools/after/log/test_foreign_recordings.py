@@ -204,6 +204,8 @@ _GOOD = "100#1122"
         (".asc", f"{_ASC}0.0 1 18FEF100 Rx d 1 11", "18FEF100#11"),
         (".asc", f"{_ASC}0.0 1 SPEED Rx d 2 11 22  Length = 0 BitCount = 0 ID = 256", _GOOD),
         (".asc", f"{_ASC}0.0 1 FEED Rx d 2 11 22  Length = 0 BitCount = 0 ID = 256", _GOOD),
+        (".asc", f"{_ASC}0.0 1 E1 Rx d 2 11 22  Length = 0 BitCount = 0 ID = 256", _GOOD),
+        (".asc", f"{_ASC}0.0 1 0 Rx d 2 11 22", "000#1122"),
         (".asc", f"{_ASC}0.0 1 EEC1 Rx d 1 11  Length = 0 ID = 217056256x", "0CF00400#11"),
         (".asc", f"{_ASC}0.0 1 SPEED Rx d 2 11 22", "symbolic"),
         (".asc", f"{_ASC}0.0 1 100 TxRq d 2 11 22", "request"),

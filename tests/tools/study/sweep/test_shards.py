@@ -91,7 +91,7 @@ def test_a_shard_that_is_missing_is_named(there: list[int], what: str, tmp_path:
     assert what in refused([tmp_path / str(i) for i in range(len(there))])
 
 
-def test_merge_of_one_of_four_shards_is_no_campaign(
+def test_one_of_four_shards_is_no_campaign_but_has_its_draws(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shard(tmp_path, 1, 4)
@@ -99,6 +99,8 @@ def test_merge_of_one_of_four_shards_is_no_campaign(
     told = capsys.readouterr()
     assert "48 of 64 draws are missing" in told.err and told.out == ""
     assert not (tmp_path / "report.html").exists()
+    assert main(["sweep", "rerun", str(tmp_path), "3"]) == 2
+    assert "no draw 3 of pid; it has 0 to 60" in capsys.readouterr().err
 
 
 def test_a_shard_that_was_killed_is_missing(tmp_path: Path) -> None:
