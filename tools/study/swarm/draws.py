@@ -23,8 +23,8 @@ from pcpc.tools.study.swarm.files import (
 )
 from pcpc.tools.study.swarm.histories import acts, faults, ms, schedule
 
-MOST_CYCLES, WRONG_SHARE, MANY_SHARE, PLAIN_SHARE = 1600, 0.05, 0.01, 0.25
-TIMES: tuple[int, ...] = (1, 3, 10, 30)  # as many, of the cycles of a history
+MOST_CYCLES, WRONG_SHARE, MANY_SHARE, PLAIN_SHARE = 600, 0.05, 0.01, 0.25
+TIMES: tuple[int, ...] = (1, 1, 1, 1, 1, 4, 12, 60)  # as many: most histories are short, some long
 PLACES = "branch", "keyframe", "cut", "flip", "sample"  # of promises, each a share of the run
 _LENGTHS = 8, 8, 8, 12, 16, 24, 32, 48, 64
 WRONG: dict[str, tuple[tuple[Any, ...], Any]] = {  # what is wrong: where, and by what
@@ -64,7 +64,7 @@ def world_of(seed: int, base: str | None = None) -> World:
 def _drawn(d: Drawing, world: World, keys: World) -> None:
     """Draw a rig of lags, each behind its own frames."""
     world["rate_hz"] = d.named("{:g} Hz", *RATES_HZ)
-    world["cycles"] = d.random.randint(150, MOST_CYCLES) * d.one(*TIMES)
+    world["cycles"] = d.random.randint(100, MOST_CYCLES) * d.one(*TIMES)
     world["slow_ms"] = d.named("slow frames each {} ms", *SLOW_MS)  # between two heartbeats
     d.features.append(f"slow frames each {world['slow_ms']} ms")
     _keyframes(d, world, keys)
@@ -273,7 +273,7 @@ def _values(d: Drawing, world: World, keys: World) -> None:
 
 
 def _bus(d: Drawing, world: World, keys: World) -> None:
-    with_fd = any(one[way]["fd"] for one in world["plants"] for way in ("command", "back"))
+    with_fd = any(frame["fd"] for _, _, frame, *_ in frames_of(world))
     if len(world["plants"]) == 1 and world["rate_hz"] <= 1000 and d.has(0.2, "line"):
         keys["bus"] = {"bitrate": 1000000, "emulate": "1M", "queue": d.random.randint(4, 64)}
         if with_fd:
