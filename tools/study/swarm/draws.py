@@ -253,7 +253,8 @@ def _values(d: Drawing, world: World, keys: World) -> None:
             full = d.near(*d.one((0.3, 3.0), (2.5, 30.0)))
             limits[f"CMD_{i}.command"] = {"low": -full, "high": full}
             if d.has(0.5, "rate limit"):
-                limits[f"CMD_{i}.command"]["rate_per_s"] = d.near(20.0, 5000.0)
+                share = d.near(*d.one((0.003, 0.03), (0.03, 0.5)))  # of the way, in a cycle
+                limits[f"CMD_{i}.command"]["rate_per_s"] = share * full * world["rate_hz"]
         if d.has(0.25, "plausibility"):
             full = d.near(5.0, SPAN)
             if d.random.random() < 0.7:  # near what it comes to, without limits
