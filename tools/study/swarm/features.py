@@ -31,6 +31,7 @@ _PARENTS = {"rate limit": "limits", "bit errors": "line", "line": "one plant", "
 _PARENTS |= dict.fromkeys((*KINDS, "share of a fault", "fault again"), "faults")
 _SURE = 5  # features that a world has if it can
 _SIMPLE_SHARE = 0.2  # of worlds, which run in lanes as a rule
+_IN_LANES = {"limits", "rate limit", "losses", "requirement", "tuning"}  # as often in these
 NOT_TOGETHER = (  # two lists: no feature of one with one of the other
     *((_RATES[:i], _RATES[i:]) for i in range(1, len(_RATES))),  # a rig has one rate,
     *((_SLOW[:i], _SLOW[i:]) for i in range(1, len(_SLOW))),  # and one time of heartbeats
@@ -63,7 +64,8 @@ class Drawing:
 
     def has(self, share: float, *features: str) -> bool:
         """Return whether a feature is there, in this share of worlds, and note it."""
-        found = self.random.random() < share * self.often or not self.sure.isdisjoint(features)
+        often = self.often if _IN_LANES.isdisjoint(features) else 1.0
+        found = self.random.random() < share * often or not self.sure.isdisjoint(features)
         self.features += features * found
         return found
 
