@@ -65,6 +65,7 @@ def _drawn(d: Drawing, world: World, keys: World) -> None:
     """Draw a rig of lags, each behind its own frames."""
     world["rate_hz"] = d.named("{:g} Hz", *RATES_HZ)
     world["cycles"] = d.random.randint(100, MOST_CYCLES) * d.one(*TIMES)
+    d.span_s = min(1.0, world["cycles"] / world["rate_hz"])
     world["slow_ms"] = d.named("slow frames each {} ms", *SLOW_MS)  # between two heartbeats
     d.features.append(f"slow frames each {world['slow_ms']} ms")
     _keyframes(d, world, keys)
@@ -134,12 +135,12 @@ def _plant(d: Drawing, few: bool) -> World:
     gains = [{"first": d.near(0.1, 5.0), "second": d.near(-5.0, 5.0)} for _ in range(2)]
     return {
         "shape": d.random.randrange(SHAPES), "gains": gains[0], "others": gains[1],
-        "tau_s": d.near(0.01, 0.5), "safe": d.one(0.0, 0.0, d.near(-2.0, 2.0)),
+        "tau_s": max(d.time_s(0.01, 0.5), 1e-3), "safe": d.one(0.0, 0.0, d.near(-2.0, 2.0)),
         "large": large,
         "reference": _reference(d, reference.removeprefix("reference "), large),
         "command": _frame(d, ["command"], True, 0),
         "back": _frame(d, ["position", "other"][: d.random.randint(1, 2)], False, layouts, presses),
-        "press_s": d.near(0.01, 2.0) if presses else 1e6,
+        "press_s": d.time_s(0.01, 2.0) if presses else 1e6,
         "slow": few and d.has(0.3, "slow frame")
         and _frame(d, ["slow"], False, 0) | {"ms": d.one(*SLOW_MS)},
     }  # fmt: skip
@@ -147,16 +148,21 @@ def _plant(d: Drawing, few: bool) -> World:
 
 def _reference(d: Drawing, name: str, large: float) -> World:
     given: dict[str, dict[str, float]] = {
-        "step": {"amplitude": large, "start_s": d.near(0.0, 0.2)},
-        "ramp": {"slope": large, "end_s": d.near(0.1, 2.0)},
+        "step": {"amplitude": large, "start_s": d.time_s(0.0, 0.2)},
+        "ramp": {"slope": large / d.span_s, "end_s": d.time_s(0.1, 2.0)},
         "sine": {"amplitude": large, "frequency_hz": d.near(0.5, 20.0)},
         "chirp": {"amplitude": large, "from_hz": 0.5, "to_hz": d.near(1.0, 30.0), "sweep_s": 1.0},
-        "quintic": {"amplitude": large, "move_s": d.near(0.05, 0.5)},
+        "quintic": {"amplitude": large, "move_s": d.time_s(0.05, 0.5)},
     }
     if name != "sequence":
         return {"law": f"profiles:{name}", "parameters": given[name]}
-    ways = [{"to": d.near(-9, 9), "by": d.one("step", "line", "quintic"), "over_s": 0.05}]
-    segments = [*ways, {"over_s": d.near(0.01, 0.1)}, {"to": large, "by": "line", "over_s": 0.1}]
+    over_s = 0.05 * d.span_s
+    ways = [{"to": d.near(-9, 9), "by": d.one("step", "line", "quintic"), "over_s": over_s}]
+    segments = [
+        *ways,
+        {"over_s": d.time_s(0.01, 0.1)},
+        {"to": large, "by": "line", "over_s": over_s},
+    ]
     return {"law": "profiles:sequence", "parameters": {"repeat": 1}, "segments": segments}
 
 

@@ -61,6 +61,7 @@ class Drawing:
         for _ in range(2):  # parents of parents
             self.sure |= {_PARENTS.get(one, one) for one in self.sure}
         self.often = 1.0  # how much of what is drawn is there
+        self.span_s = 1.0  # in which a short history has to come to something
 
     def has(self, share: float, *features: str) -> bool:
         """Return whether a feature is there, in this share of worlds, and note it."""
@@ -81,3 +82,7 @@ class Drawing:
     def near(self, low: float, high: float) -> float:
         """Return a number of few digits between two."""
         return float(f"{self.random.uniform(low, high):.4g}")
+
+    def time_s(self, low: float, high: float) -> float:
+        """Return a time of a history of 1 s, in a shorter one less."""
+        return self.near(low * self.span_s, high * self.span_s)
