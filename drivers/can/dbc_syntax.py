@@ -84,12 +84,15 @@ class DbcEntry:
     def number(self) -> int | None:
         """The id, as the file writes it, of the frame that it is about."""
         text = self.groups.get("only_frame") or self.groups.get("frame")
-        if not text:
-            return None
-        number = int(text[:20])
-        if number < -(1 << 31):
-            return (1 << 32) - number  # which no id is
-        return number & 0xFFFFFFFF if number < 0 else number
+        return id_of(text) if text else None
+
+
+def id_of(text: str) -> int:
+    """Return an id as a file writes it: a number of 32 bits, whose sign some programs mean."""
+    number = int(text[:20])
+    if number < -(1 << 31):
+        return (1 << 32) - number  # which no id is
+    return number & 0xFFFFFFFF if number < 0 else number
 
 
 def entries(content: str) -> Iterator[DbcEntry]:

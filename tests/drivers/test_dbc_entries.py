@@ -127,6 +127,8 @@ def test_an_id_of_32_bits_with_a_sign_is_the_one_without(number: int) -> None:
     found = database.get_message_by_name("LATER")
     assert (found.frame_id, found.is_extended_frame) == (0x18FF00FF, True)
     assert database.odd == () and found.signals[0].choices == {1: "on"}
+    broken = parsed(f"{HEAD}{frame}SIG_VALTYPE_ {number} q : 7;\n").odd
+    assert [one.frame for one in broken] == [0x98FF00FF], broken
     with pytest.raises(DbcError, match="frame FAR: id 0x180000001 is more than 29 bits"):
         dbc.parse(Path("odd.dbc"), f"{HEAD}BO_ -2147483649 FAR: 8 DEV\n", strict=True)
 

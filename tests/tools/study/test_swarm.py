@@ -314,3 +314,5 @@ def test_no_promise_that_was_checked_is_no_pass(
     monkeypatch.setattr(cli, "_rows", lambda *_: iter([cli.checked(one)]))
     every = run_here("swarm", "--seeds", 1, "-q")
     assert every.code == 1 and "0 promises checked, 0 seeds broke one" in every.out, every
+    monkeypatch.undo()
+    assert run_here("swarm", "--for", "1us", "-q").code == 1, "no seed was begun"

@@ -86,7 +86,8 @@ def command(request: SwarmRequest) -> int:
     possible = possible_pairs() if bases == [None] else set()
     told = _told(request.seed, rows, time.monotonic() - begin_s, possible)
     print(screen.json_text(msgspec.to_builtins(told)) if request.json else "\n".join(_lines(told)))
-    return Exit.NOT_MET if told.broken or (rows and not told.promises) else code
+    nothing = code == Exit.OK and not told.promises
+    return Exit.NOT_MET if told.broken or nothing else code
 
 
 def _rows(request: SwarmRequest, bases: Sequence[str | None], begin_s: float) -> Iterator[Row]:
