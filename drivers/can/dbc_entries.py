@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
 
-from pcpc.drivers.can.dbc_syntax import DbcEntry, entries, names
+from pcpc.drivers.can.dbc_syntax import DbcEntry, entries, id_of, names
 
 MOST_BYTES = 1785  # of the longest message that a DBC file is used for, J1939's transport
 MOST_MULTIPLEXED = 1 << 16  # multiplexer values of all signals together
@@ -156,8 +156,8 @@ class Description:
             if not frame.refusal:
                 self.leave_out(entry.place, entry.misfit, frame)
         else:
-            number = re.search(r"\d+", entry.text) if entry.keyword in _CHANGING else None
-            frame = self.frames.get(int(number[0][:20])) if number else None
+            number = re.search(r"-?\d+", entry.text) if entry.keyword in _CHANGING else None
+            frame = self.frames.get(id_of(number[0])) if number else None
             self.leave_out(entry.place, entry.misfit, frame)
 
     def _new_frame(self, entry: DbcEntry) -> None:

@@ -19,14 +19,15 @@ KEYWORDS = (
     "SIGTYPE_VALTYPE_", "VAL_", "VAL_TABLE_", "VERSION",
 )  # fmt: skip
 _NAME, _WHOLE = "[A-Za-z0-9_]++", r"\d++"
+_ID = r"-?+\d++"  # some programs write 32 bits with a sign
 _KEYWORD = "(?:" + "|".join(sorted(KEYWORDS, key=len, reverse=True)) + r")\b"
 NUMBER = r"[-+]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?+\d++)?+"
 _STRING = r'"(?>(?:\\"|[^"])*?")'
 _NODE = rf"(?!{_KEYWORD}){_NAME}"
 _NODES = rf"(?P<names>(?:{_NODE}[ \t]*+(?:,\s*+)?+)*+)"
-_OF_SIGNAL = (rf"(?P<frame>{_WHOLE})", rf"(?P<signal>{_NAME})")
+_OF_SIGNAL = (rf"(?P<frame>{_ID})", rf"(?P<signal>{_NAME})")
 _SIGNAL = r"\s*+".join(_OF_SIGNAL)
-_FOR_FRAME = rf"BO_\s*+(?P<only_frame>{_WHOLE})"
+_FOR_FRAME = rf"BO_\s*+(?P<only_frame>{_ID})"
 _FOR_SIGNAL = rf"SG_\s*+{_SIGNAL}"
 _FOR_NODE = rf"(?:BU|EV)_\s*+(?P<node>{_NAME})"
 _FOR = rf"(?:(?:{_FOR_FRAME}|{_FOR_SIGNAL}|{_FOR_NODE})\s*+)?+"
@@ -37,7 +38,7 @@ _SHAPES: dict[str, tuple[str, ...]] = {
     "NS_": (":", rf"(?:[A-Z][A-Z_]*+(?=\s*+(?:{_KEYWORD}|\Z))\s*+)*+"),
     "BS_": (rf"(?:(?!\b{_KEYWORD})[^\n])*+",),
     "BU_": (":", rf"(?P<names>(?:{_NODE}\s*+,?+\s*+)*+)"),
-    "BO_": (rf"(?P<only_frame>{_WHOLE})", rf"(?P<name>{_NAME})", ":", r"(?P<length>[-+]?+\d++)",
+    "BO_": (rf"(?P<only_frame>{_ID})", rf"(?P<name>{_NAME})", ":", r"(?P<length>[-+]?+\d++)",
             rf"(?P<sender>{_NODE})?+"),
     "SG_": (rf"(?P<name>{_NAME})", "(?P<marker>[A-Za-z][A-Za-z0-9_]*+)?+", ":",
             r"(?P<start>[-+]?+\d++)", r"\|", rf"(?P<bits>{_WHOLE})", "@", "(?P<order>[01])",
@@ -45,7 +46,7 @@ _SHAPES: dict[str, tuple[str, ...]] = {
             rf"(?P<offset>{NUMBER})", r"\)", r"\[",
             rf"(?P<low>{NUMBER})", r"\|", rf"(?P<high>{NUMBER})", r"\]", rf"(?P<unit>{_STRING})",
             _NODES),
-    "BO_TX_BU_": (rf"(?P<only_frame>{_WHOLE})", ":", _NODES, _END),
+    "BO_TX_BU_": (rf"(?P<only_frame>{_ID})", ":", _NODES, _END),
     "CM_": (_FOR, rf"(?P<value>{_STRING})", _END),
     "BA_DEF_": (r"(?:(?:BO|SG|BU|EV)_\b)?+", rf"(?P<name>{_STRING})", "(?P<type>[A-Z]++)",
                 rf"(?P<values>(?:(?:{_STRING}|{NUMBER})\s*+,?+\s*+)*+)", _END),
@@ -83,7 +84,15 @@ class DbcEntry:
     def number(self) -> int | None:
         """The id, as the file writes it, of the frame that it is about."""
         text = self.groups.get("only_frame") or self.groups.get("frame")
-        return int(text[:20]) if text else None
+        return id_of(text) if text else None
+
+
+def id_of(text: str) -> int:
+    """Return an id as a file writes it: a number of 32 bits, whose sign some programs mean."""
+    number = int(text[:20])
+    if number < -(1 << 31):
+        return (1 << 32) - number  # which no id is
+    return number & 0xFFFFFFFF if number < 0 else number
 
 
 def entries(content: str) -> Iterator[DbcEntry]:

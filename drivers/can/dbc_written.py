@@ -25,6 +25,7 @@ _OF_FILE = "ProtocolType"
 _LONG_FRAME, _LONG_SIGNAL = "SystemMessageLongSymbol", "SystemSignalLongSymbol"
 _LONG_NODE = "SystemNodeLongSymbol"
 _FORMATS = 16  # values of VFrameFormat
+_FLOAT_BITS = {"1": (16, 32), "2": (64,)}  # of SIG_VALTYPE_
 _KINDS = {"GenMsgSendType": ("ENUM", "STRING"), "VFrameFormat": ("ENUM", "INT")}
 _ANY_KIND = ("INT", "FLOAT", "ENUM", "STRING")
 
@@ -254,6 +255,13 @@ class Writing:
     ) -> None:
         kind = entry.groups["value"]
         for one in them:
+            bits = int(one.groups["bits"])
+            if kind != "0" and bits not in _FLOAT_BITS.get(kind, ()):
+                problem = (
+                    f"SIG_VALTYPE_ {entry.number} {one.name}: {kind} is no type of {bits} bits"
+                )
+                read = "as a whole number" if kind not in _FLOAT_BITS else "by its length"
+                self.described.leave_out(entry.place, f"{problem}, read {read}", frame)
             self._lines.append(f"SIG_VALTYPE_ {frame.number} {self._alias[id(one)]} : {kind};")
 
 

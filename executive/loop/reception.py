@@ -100,11 +100,15 @@ def gather(n: Loop) -> None:
 
 @loop_function
 def give_up(n: Loop) -> None:
-    """Wait no longer for the other node; note the first of its frames that did not come."""
+    """Wait no longer for the other node; note the first of its frames that did not come.
+
+    Behind another fault, which keeps its own culprit, none.
+    """
+    first = n.guard.faulted == Fault.NONE
     n.guard.faulted = Fault.PEER_SILENT
     for row in range(n.rx.n - 1, -1, -1):
         role = n.rx.role[row]
-        if role.starts != 0 and n.rx.state[row].fresh == 0:
+        if first and role.starts != 0 and n.rx.state[row].fresh == 0:
             frame = n.rx.frames[row]
             n.control.culprit = frame.can_id | frame.extended << can_id.EXTENDED_BIT
 

@@ -60,6 +60,8 @@ CHANGING = [  # the frame, which no node may use then
     (' SG_ q : 0|0@1+ (1,0) [0|0] "" DEV', "q: its length 0 is not greater than 0"),
     (' SG_ q : 0|99999@1+ (1,0) [0|0] "" DEV', "q: 0|99999 lies in no frame"),
     ("SIG_VALTYPE_ 257 w : 7;", "SIG_VALTYPE_ 257 w : >>!<<7;"),
+    ("SIG_VALTYPE_ 257 w : 2;", "257 w: 2 is no type of 16 bits, read by its length"),
+    ("SIG_VALTYPE_ 257 w : 3;", "257 w: 3 is no type of 16 bits, read as a whole number"),
     ("SG_MUL_VAL_ 257 w page 0-1;", "frame OTHER has no multiplexer page"),
     ("BO_TX_BU_ 257 ECU;", "not DBC syntax"),
     ('BA_ "GenMsgCycleTime" BO_ 257 "soon";', 'BA_ "GenMsgCycleTime" "soon": not one of its'),
@@ -116,6 +118,19 @@ def test_a_frame_whose_meaning_an_odd_entry_changes_is_refused_where_it_is_used(
         dbc.frames(database, "DEV", "tx")
     if "ECU" not in entry:
         assert "SPEED" in [one.name for one in dbc.frames(database, "ECU", "tx")]
+
+
+@pytest.mark.parametrize("number", [0x98FF00FF, 0x98FF00FF - 2**32])
+def test_an_id_of_32_bits_with_a_sign_is_the_one_without(number: int) -> None:
+    frame = f'BO_ {number} LATER: 8 ECU\n SG_ q : 0|8@1+ (1,0) [0|0] "" DEV\n'
+    database = parsed(HEAD + frame + f'VAL_ {number} q 1 "on";\n')
+    found = database.get_message_by_name("LATER")
+    assert (found.frame_id, found.is_extended_frame) == (0x18FF00FF, True)
+    assert database.odd == () and found.signals[0].choices == {1: "on"}
+    broken = parsed(f"{HEAD}{frame}SIG_VALTYPE_ {number} q : 7;\n").odd
+    assert [one.frame for one in broken] == [0x98FF00FF], broken
+    with pytest.raises(DbcError, match="frame FAR: id 0x180000001 is more than 29 bits"):
+        dbc.parse(Path("odd.dbc"), f"{HEAD}BO_ -2147483649 FAR: 8 DEV\n", strict=True)
 
 
 @pytest.mark.parametrize("entry", FINE)

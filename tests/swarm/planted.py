@@ -8,6 +8,7 @@ not found.
 
 import argparse
 import gc
+import importlib
 import json
 import os
 import shutil
@@ -21,10 +22,8 @@ from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any
 
-from pcpc.tools.study.swarm import draws
 from pcpc.tools.study.swarm.cli import checked
 from pcpc.tools.study.swarm.draws import world_of
-from pcpc.tools.study.swarm.files import World
 
 ROOT = Path(__file__).resolve().parents[2]
 _LOOP, _AFTER = "executive/loop", "tools/after"
@@ -151,11 +150,9 @@ PLANTED: dict[str, tuple[str, str, str]] = {  # file, what stands there, what st
         "    if not new:\n        pass\n    elif has_doubts(n, row):\n"
         "        take_values(n, row, new)"),
 }  # fmt: skip
-_COMPILED = (_LOOP, "drivers/can/codec", "drivers/can/e2e", "executive/batch/cycle")
+_COMPILED = (_LOOP, "drivers/can/codec", "drivers/can/e2e", "executive/batch/cycle")  # anew
 _KEEPING = ("pcpc.executive.nodes", "pcpc.executive.log", "pcpc.tools")  # rooms, results of calls
 _CACHED = type(cache(lambda: None))
-_NO_JIT = "NUMBA_DISABLE_JIT"
-_SHORT_CYCLES = 160  # of a world that is interpreted, at most
 
 
 def main() -> int:
@@ -181,8 +178,7 @@ def _is_found(name: str, for_s: float, seed: int) -> bool:
             row = json.loads(Path(folder, "told").read_text())
             told = {key: told[key] + row[key] for key in told if key != "found"}
             last = seed + told["seeds"] - 1
-            world = _world(last, _is_compiled(name) and not _is_in_lanes(name))
-            without = checked(world, row["found"]).found if row["found"] else {}
+            without = checked(world_of(last), row["found"]).found if row["found"] else {}
             if without:
                 print(f"seed {last} without a fault: {without}", file=sys.stderr, flush=True)
             told["found"] = {k: v for k, v in row["found"].items() if k not in without}
@@ -194,25 +190,10 @@ def _is_compiled(name: str) -> bool:
     return PLANTED[name][0].startswith(_COMPILED)
 
 
-def _is_in_lanes(name: str) -> bool:
-    return PLANTED[name][0].startswith("executive/batch")
-
-
-def _world(seed: int, short: bool) -> World:
-    """Return the world of a seed; `short`: of few cycles, for what is interpreted."""
-    most = draws.MOST_CYCLES, draws.TIMES
-    if short:
-        draws.MOST_CYCLES, draws.TIMES = _SHORT_CYCLES, (1,)
-    try:
-        return world_of(seed)
-    finally:
-        draws.MOST_CYCLES, draws.TIMES = most
-
-
 def _in_child(name: str, for_s: float, seed: int, folder: Path) -> None:
-    """Plant a fault in a copy, or in a process of its own; `told` in the folder says what came.
+    """Plant a fault in a process of its own, or in a copy, where it is compiled.
 
-    What would be compiled anew in a copy is interpreted, but for lanes.
+    `told` in the folder says what came.
     """
     if not _is_compiled(name):
         pid = os.fork()
@@ -229,7 +210,7 @@ def _in_child(name: str, for_s: float, seed: int, folder: Path) -> None:
     (folder / file).write_text(text)
     call = f"tried({for_s}, {seed}, Path({str(folder)!r}))"
     words = f"from pathlib import Path; from tests.swarm.planted import tried; {call}"
-    env = os.environ | ({} if _is_in_lanes(name) else {_NO_JIT: "1"})
+    env = os.environ | {"NUMBA_CACHE_DIR": str(folder / "compiled")}
     subprocess.run([sys.executable, "-c", words], cwd=folder, check=True, env=env)
 
 
@@ -240,6 +221,7 @@ def plant(file: str, was: str, becomes: str) -> None:
     """
     text, path = (ROOT / file).read_text(), str(ROOT / "pcpc" / file)
     assert text.count(was) == 1, (file, was)
+    importlib.import_module(f"pcpc.{file.removesuffix('.py').replace('/', '.')}")
     module = compile(text.replace(was, becomes), path, "exec")
     new = {one.co_qualname: one for one in _codes(module)}
     for one in gc.get_objects():
@@ -258,12 +240,10 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 def tried(for_s: float, seed: int, folder: Path) -> None:
     """Check seed after seed until one breaks a promise; write what became, not of compiling."""
-    short = _NO_JIT in os.environ
-    if not short:
-        checked(world_of(seed))
+    checked(world_of(seed))
     begin_s, count, cycles, found = time.process_time(), 0, 0, dict[str, list[str]]()
     while not found and time.process_time() - begin_s < for_s:
-        row = checked(_world(seed + count, short))
+        row = checked(world_of(seed + count))
         count, cycles, found = count + 1, cycles + row.cycles, row.found
     lines_of = {promise: lines[0][:160] for promise, lines in found.items()}
     spent_s = round(time.process_time() - begin_s, 1)

@@ -266,7 +266,7 @@ def test_faults_planted_by_hand_have_their_place() -> None:
 
 
 @pytest.mark.parametrize(("name", "seed"), [  # a little before one that finds it
-    ("replay: no ramp", 2015), ("branch: a tuning", 300), ("judge: repeated frames", 1),
+    ("replay: no ramp", 51), ("branch: a tuning", 21), ("judge: repeated frames", 1),
 ])  # fmt: skip
 @pytest.mark.deep
 def test_faults_planted_by_hand_are_found(name: str, seed: int) -> None:
@@ -300,3 +300,19 @@ def test_a_folder_without_a_world_is_refused(tmp_path: Path) -> None:
     assert run_here("swarm", "--replay", tmp_path).code == 2
     write(world(), tmp_path)
     assert run_here("swarm", "--replay", tmp_path).code == 0
+
+
+def test_no_promise_that_was_checked_is_no_pass(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = world()
+    one["keys"]["faults"] = {"x": {"kind": "los", "frame": "FB_1"}}
+    one["features"].append(ODD)
+    write(one, tmp_path / "folder")
+    again = run_here("swarm", "--replay", tmp_path / "folder")
+    assert again.code == 1 and again.out.startswith("refused: "), again
+    monkeypatch.setattr(cli, "_rows", lambda *_: iter([cli.checked(one)]))
+    every = run_here("swarm", "--seeds", 1, "-q")
+    assert every.code == 1 and "0 promises checked, 0 seeds broke one" in every.out, every
+    monkeypatch.undo()
+    assert run_here("swarm", "--for", "1us", "-q").code == 1, "no seed was begun"

@@ -125,7 +125,8 @@ def _fault(block: sh.NodeMemory) -> str:
     name = block.description["variables"][int(control.odd_place) - 1][0]
     value = float(np.int64(control.odd_bits).view(np.float64))
     what = _of_an_fmu(block, name) or "the plant diverged: " * (fault == Fault.PLANT_NOT_FINITE)
-    why = f", {WHYS[int(control.culprit)]}" if fault == Fault.NOT_PLAUSIBLE else ""
+    known = WHYS[int(control.culprit) : int(control.culprit) + 1]  # none: of a fault after it
+    why = f", {known[0]}" if known and fault == Fault.NOT_PLAUSIBLE else ""
     return f"{what}{name} was {value:g} in cycle {int(control.odd_cycle)}{why}"
 
 

@@ -66,7 +66,7 @@ class Told(msgspec.Struct):
 
 
 def command(request: SwarmRequest) -> int:
-    """Run seeds, or a folder again; NOT_MET if a promise is broken."""
+    """Run seeds, or a folder again; NOT_MET if a promise is broken, or none was checked."""
     if request.replay is not None:
         return _replayed(request, Path(request.replay))
     names = request.around.split(",") if request.around else []
@@ -86,7 +86,8 @@ def command(request: SwarmRequest) -> int:
     possible = possible_pairs() if bases == [None] else set()
     told = _told(request.seed, rows, time.monotonic() - begin_s, possible)
     print(screen.json_text(msgspec.to_builtins(told)) if request.json else "\n".join(_lines(told)))
-    return Exit.NOT_MET if told.broken else code
+    nothing = code == Exit.OK and not told.promises
+    return Exit.NOT_MET if told.broken or nothing else code
 
 
 def _rows(request: SwarmRequest, bases: Sequence[str | None], begin_s: float) -> Iterator[Row]:
@@ -187,8 +188,10 @@ def _replayed(request: SwarmRequest, folder: Path) -> int:
         print(screen.json_text(msgspec.to_builtins(row)))
     else:
         said = [f"{name}: {line}" for name, lines in row.found.items() for line in lines[:_SHOWN]]
-        print("\n".join(said or [f"every promise held, {row.cycles:,} cycles"]))
-    return Exit.NOT_MET if row.found else Exit.OK
+        held = f"refused: {row.refused}" if row.refused else "every promise held"
+        print("\n".join(said or [f"{held}, {row.cycles:,} cycles"]))
+    kept = not (row.found or (row.refused and not world["wrong"]))
+    return Exit.OK if kept else Exit.NOT_MET
 
 
 def _told(

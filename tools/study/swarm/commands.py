@@ -54,7 +54,7 @@ COMMANDS = (
         module="study.swarm.cli",
         codes=codes(
             OK="every promise held",
-            NOT_MET="a promise was broken; its folder repeats it",
+            NOT_MET="a promise was broken, or none was checked",
             ENVIRONMENT="a process was killed",
             INTERRUPTED="",
         ),

@@ -23,8 +23,8 @@ from pcpc.tools.study.swarm.files import (
 )
 from pcpc.tools.study.swarm.histories import acts, faults, ms, schedule
 
-MOST_CYCLES, WRONG_SHARE, MANY_SHARE, PLAIN_SHARE = 1600, 0.05, 0.01, 0.25
-TIMES: tuple[int, ...] = (1, 3, 10, 30)  # as many, of the cycles of a history
+MOST_CYCLES, WRONG_SHARE, MANY_SHARE, PLAIN_SHARE = 600, 0.05, 0.01, 0.25
+TIMES: tuple[int, ...] = (1, 1, 1, 1, 1, 4, 12, 60)  # as many: most histories are short, some long
 PLACES = "branch", "keyframe", "cut", "flip", "sample"  # of promises, each a share of the run
 _LENGTHS = 8, 8, 8, 12, 16, 24, 32, 48, 64
 WRONG: dict[str, tuple[tuple[Any, ...], Any]] = {  # what is wrong: where, and by what
@@ -64,7 +64,8 @@ def world_of(seed: int, base: str | None = None) -> World:
 def _drawn(d: Drawing, world: World, keys: World) -> None:
     """Draw a rig of lags, each behind its own frames."""
     world["rate_hz"] = d.named("{:g} Hz", *RATES_HZ)
-    world["cycles"] = d.random.randint(150, MOST_CYCLES) * d.one(*TIMES)
+    world["cycles"] = d.random.randint(100, MOST_CYCLES) * d.one(*TIMES)
+    d.span_s = min(1.0, world["cycles"] / world["rate_hz"])
     world["slow_ms"] = d.named("slow frames each {} ms", *SLOW_MS)  # between two heartbeats
     d.features.append(f"slow frames each {world['slow_ms']} ms")
     _keyframes(d, world, keys)
@@ -134,12 +135,12 @@ def _plant(d: Drawing, few: bool) -> World:
     gains = [{"first": d.near(0.1, 5.0), "second": d.near(-5.0, 5.0)} for _ in range(2)]
     return {
         "shape": d.random.randrange(SHAPES), "gains": gains[0], "others": gains[1],
-        "tau_s": d.near(0.01, 0.5), "safe": d.one(0.0, 0.0, d.near(-2.0, 2.0)),
+        "tau_s": max(d.time_s(0.01, 0.5), 1e-3), "safe": d.one(0.0, 0.0, d.near(-2.0, 2.0)),
         "large": large,
         "reference": _reference(d, reference.removeprefix("reference "), large),
         "command": _frame(d, ["command"], True, 0),
         "back": _frame(d, ["position", "other"][: d.random.randint(1, 2)], False, layouts, presses),
-        "press_s": d.near(0.01, 2.0) if presses else 1e6,
+        "press_s": d.time_s(0.01, 2.0) if presses else 1e6,
         "slow": few and d.has(0.3, "slow frame")
         and _frame(d, ["slow"], False, 0) | {"ms": d.one(*SLOW_MS)},
     }  # fmt: skip
@@ -147,16 +148,21 @@ def _plant(d: Drawing, few: bool) -> World:
 
 def _reference(d: Drawing, name: str, large: float) -> World:
     given: dict[str, dict[str, float]] = {
-        "step": {"amplitude": large, "start_s": d.near(0.0, 0.2)},
-        "ramp": {"slope": large, "end_s": d.near(0.1, 2.0)},
+        "step": {"amplitude": large, "start_s": d.time_s(0.0, 0.2)},
+        "ramp": {"slope": large / d.span_s, "end_s": d.time_s(0.1, 2.0)},
         "sine": {"amplitude": large, "frequency_hz": d.near(0.5, 20.0)},
         "chirp": {"amplitude": large, "from_hz": 0.5, "to_hz": d.near(1.0, 30.0), "sweep_s": 1.0},
-        "quintic": {"amplitude": large, "move_s": d.near(0.05, 0.5)},
+        "quintic": {"amplitude": large, "move_s": d.time_s(0.05, 0.5)},
     }
     if name != "sequence":
         return {"law": f"profiles:{name}", "parameters": given[name]}
-    ways = [{"to": d.near(-9, 9), "by": d.one("step", "line", "quintic"), "over_s": 0.05}]
-    segments = [*ways, {"over_s": d.near(0.01, 0.1)}, {"to": large, "by": "line", "over_s": 0.1}]
+    over_s = 0.05 * d.span_s
+    ways = [{"to": d.near(-9, 9), "by": d.one("step", "line", "quintic"), "over_s": over_s}]
+    segments = [
+        *ways,
+        {"over_s": d.time_s(0.01, 0.1)},
+        {"to": large, "by": "line", "over_s": over_s},
+    ]
     return {"law": "profiles:sequence", "parameters": {"repeat": 1}, "segments": segments}
 
 
@@ -253,7 +259,8 @@ def _values(d: Drawing, world: World, keys: World) -> None:
             full = d.near(*d.one((0.3, 3.0), (2.5, 30.0)))
             limits[f"CMD_{i}.command"] = {"low": -full, "high": full}
             if d.has(0.5, "rate limit"):
-                limits[f"CMD_{i}.command"]["rate_per_s"] = d.near(20.0, 5000.0)
+                share = d.near(*d.one((0.003, 0.03), (0.03, 0.5)))  # of the way, in a cycle
+                limits[f"CMD_{i}.command"]["rate_per_s"] = share * full * world["rate_hz"]
         if d.has(0.25, "plausibility"):
             full = d.near(5.0, SPAN)
             if d.random.random() < 0.7:  # near what it comes to, without limits
@@ -273,7 +280,7 @@ def _values(d: Drawing, world: World, keys: World) -> None:
 
 
 def _bus(d: Drawing, world: World, keys: World) -> None:
-    with_fd = any(one[way]["fd"] for one in world["plants"] for way in ("command", "back"))
+    with_fd = any(frame["fd"] for _, _, frame, *_ in frames_of(world))
     if len(world["plants"]) == 1 and world["rate_hz"] <= 1000 and d.has(0.2, "line"):
         keys["bus"] = {"bitrate": 1000000, "emulate": "1M", "queue": d.random.randint(4, 64)}
         if with_fd:

@@ -31,6 +31,7 @@ _PARENTS = {"rate limit": "limits", "bit errors": "line", "line": "one plant", "
 _PARENTS |= dict.fromkeys((*KINDS, "share of a fault", "fault again"), "faults")
 _SURE = 5  # features that a world has if it can
 _SIMPLE_SHARE = 0.2  # of worlds, which run in lanes as a rule
+_IN_LANES = {"limits", "rate limit", "losses", "requirement", "tuning"}  # as often in these
 NOT_TOGETHER = (  # two lists: no feature of one with one of the other
     *((_RATES[:i], _RATES[i:]) for i in range(1, len(_RATES))),  # a rig has one rate,
     *((_SLOW[:i], _SLOW[i:]) for i in range(1, len(_SLOW))),  # and one time of heartbeats
@@ -60,10 +61,12 @@ class Drawing:
         for _ in range(2):  # parents of parents
             self.sure |= {_PARENTS.get(one, one) for one in self.sure}
         self.often = 1.0  # how much of what is drawn is there
+        self.span_s = 1.0  # in which a short history has to come to something
 
     def has(self, share: float, *features: str) -> bool:
         """Return whether a feature is there, in this share of worlds, and note it."""
-        found = self.random.random() < share * self.often or not self.sure.isdisjoint(features)
+        often = self.often if _IN_LANES.isdisjoint(features) else 1.0
+        found = self.random.random() < share * often or not self.sure.isdisjoint(features)
         self.features += features * found
         return found
 
@@ -79,3 +82,7 @@ class Drawing:
     def near(self, low: float, high: float) -> float:
         """Return a number of few digits between two."""
         return float(f"{self.random.uniform(low, high):.4g}")
+
+    def time_s(self, low: float, high: float) -> float:
+        """Return a time of a history of 1 s, in a shorter one less."""
+        return self.near(low * self.span_s, high * self.span_s)

@@ -96,12 +96,16 @@ def replayed(case: Case) -> Iterator[str]:
 
 
 def keyframe(case: Case) -> Iterator[str]:
-    """Yield what a replay that begins at a drawn keyframe does not recompute."""
-    yield from _replay(case, (_behind_a_keyframe(case), ALL))
+    """Yield what a replay that begins at a drawn keyframe, if there is one, does not recompute."""
+    if cycle := _behind_a_keyframe(case):
+        yield from _replay(case, (cycle, ALL))
 
 
 def _behind_a_keyframe(case: Case) -> int:
-    """Return a drawn cycle behind a keyframe: of one in a ramp, a hold or a fault if there is."""
+    """Return a drawn cycle behind a keyframe: of one in a ramp, a hold or a fault if there is.
+
+    0: no keyframe lies before the last cycle.
+    """
     config, found = case.rig.config, set[int]()
     every = max(1, round(1e-9 * config.record.keyframe_ns * config.rate_hz))
     last = min(int(node.cycle[-1]) if len(node.cycle) else 0 for node in case.log.node.values())
@@ -114,7 +118,7 @@ def _behind_a_keyframe(case: Case) -> int:
         found |= {*node.cycle[moves & there].tolist()}
     if found:
         return 1 + sorted(found)[case.at("keyframe", 0, len(found))]
-    return case.at("keyframe", min(every, last), last)
+    return case.at("keyframe", every, last) if every < last else 0
 
 
 def _replay(case: Case, span: tuple[int, int]) -> Iterator[str]:

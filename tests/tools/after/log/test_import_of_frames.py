@@ -36,6 +36,14 @@ def test_frames_alone_are_imported_shown_and_exported_again(tmp_path: Path) -> N
     assert run_here("compare", "--bits", out, out).code == 0
 
 
+@pytest.mark.parametrize(("end", "code"), [("\x1a", 0), ("\r\n\x1a\r\n", 0), ("\x1a(17", 3)])
+def test_the_mark_of_dos_behind_the_last_line_is_no_cut(
+    end: str, code: int, tmp_path: Path
+) -> None:
+    done = imported(tmp_path, "a.log", _LINES + end, "--json")
+    assert (done.code, json.loads(done.out)["frames"]) == (code, 2), done
+
+
 def test_a_node_needs_the_file_that_names_its_frames(tmp_path: Path) -> None:
     done = imported(tmp_path, "a.log", _LINES, "--node", "ECU")
     assert done.code == 2 and "--node ECU: needs --dbc" in done.err, done

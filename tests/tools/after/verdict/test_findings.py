@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from processes import RIGS
 
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.timing_layout import Stage
-from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.nodes.virtual import VirtualRun, in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.verdict.findings import JUDGED, Finding, FindingKind, lines
 from pcpc.tools.after.verdict.judge import Judge
@@ -170,3 +171,15 @@ def test_what_an_end_a_branch_and_timing_alone_come_to() -> None:
         assert found.judged == ["timing"] * (error is not None)
         assert bool(found.expectations_failed) == (failed is not False), found
         assert ("nothing was judged" in found.expectations_failed) == (error is None)
+
+
+@pytest.mark.parametrize(("culprit", "why"), [(2, ", outside of its bounds"), (0x121, "")])
+def test_the_reason_of_a_value_is_left_out_where_a_later_fault_has_its_word(
+    culprit: int, why: str
+) -> None:
+    block = VirtualRun(load_rig(str(RIGS.parents[1] / "probe" / "rig.yaml")), None).blocks[0]
+    control, outcome = block.control, Outcome("virtual", "memory")
+    control.fault, control.odd_place, control.culprit = Fault.NOT_PLAUSIBLE, 1, culprit
+    outcome.judge("executive", 0, block)
+    name = block.description["variables"][0][0]
+    assert outcome.faults == [f"executive: {name} was 0 in cycle 0{why}"]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pcpc.executive.rig.expressions import BARELY, Rows
 from pcpc.executive.rig.requirements import timed_requirement
 from pcpc.executive.rig.schema import Requirement
-from pcpc.tools.after.verdict.monitors import Monitor, extremes, monitor
+from pcpc.tools.after.verdict.monitors import NEVER, Monitor, extremes, monitor
 
 PERIOD_S = 1e-3
 Cycles = list[int]
@@ -324,3 +324,13 @@ def test_what_is_not_over_at_the_end_is_open() -> None:
     assert watched(record, always="x < 1").open == 1, "the run went on"
     assert watched(record, always="x < 1", before="15ms").open == 0
     assert watched(record, always="x < 1", before="25ms").open == 1
+    record.x[3] = 2.0
+    violated = watched(record, always="x < 1")
+    assert (violated.open, violated.judged) == (0, 1), "what is violated is judged"
+
+
+@pytest.mark.parametrize(("s", "begin"), [(0.002, NEVER), (0.0065, 7)])
+def test_a_time_that_has_come_before_the_window_begins_nothing(s: float, begin: int) -> None:
+    words = {"when": f"time.t_s > {s}", "then": "x < 1", "after": "5ms"}
+    timed = timed_requirement(msgspec.convert(words, Requirement), lambda name: None)
+    assert monitor(timed, PERIOD_S).begin == begin

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pcpc.tools.live.xcp.lists import MOST_ENTRIES, MOST_ODTS
-from pcpc.tools.live.xcp.packets import ETHERNET, LAYOUTS, Cmd, CommandRefused, Err
+from pcpc.tools.live.xcp.packets import ETHERNET, LAYOUTS, Cmd, CommandRefused, Err, Link
 from pcpc.tools.live.xcp.slave import NodeTable, XcpSession, period
 
 NAMES = ["time.t_s", "controller.e", "controller.kv", "controller.km", "odd"]
@@ -127,6 +127,16 @@ def test_values_and_the_file_are_uploaded_and_nothing_else(session: XcpSession) 
     assert bad(session, Cmd.BUILD_CHECKSUM, 0xFFFFFFFF) == Err.OUT_OF_RANGE
 
 
+def test_a_value_is_that_of_its_first_part_and_the_next_one_is_new(
+    session: XcpSession, node: Node
+) -> None:
+    good(session, Cmd.SET_MTA, 0, 0)
+    read = good(session, Cmd.UPLOAD, 4)
+    node.values[:2] = 7.0
+    read += good(session, Cmd.UPLOAD, 4) + good(session, Cmd.UPLOAD, 8)
+    assert struct.unpack("<dd", read) == (0.5, 7.0)
+
+
 def test_parameters_are_set_whole_together_and_in_range(session: XcpSession, node: Node) -> None:
     two = struct.pack("<dd", 120.0, 61.0)
     good(session, Cmd.SET_MTA, 0, 16)
@@ -135,6 +145,7 @@ def test_parameters_are_set_whole_together_and_in_range(session: XcpSession, nod
         b"\xfd\xfe" + struct.pack("<Q", 4321),
     ]
     assert node.written == [{"controller.kv": 120.0, "controller.km": 61.0}]
+    assert np.isnan(struct.unpack("<d", good(session, Cmd.UPLOAD, 8))), "the address goes on"
 
     def short(address: int, data: bytes, extension: int = 0) -> Err:
         head = struct.pack("<BBxBI", 0xED, len(data), extension, address)
@@ -175,6 +186,39 @@ def test_a_list_sends_what_it_was_told_of_every_cycle(session: XcpSession) -> No
         assert bad(session, command, *given) == Err.DAQ_ACTIVE
     good(session, Cmd.START_STOP_SYNCH, 0)
     assert session.packets(np.array([12]), rows[:1]) == []
+
+
+def test_a_stamp_comes_round(session: XcpSession) -> None:
+    listed(session, [(0, 8)])
+    good(session, Cmd.SET_DAQ_LIST_MODE, 0x10, 0, 0, 1, 0)
+    good(session, Cmd.START_STOP_DAQ_LIST, 1, 0)
+    (sent,) = session.packets(np.array([5_000_000]), np.zeros((1, 3)))
+    assert struct.unpack("<xI8x", sent)[0] == 5_000_000_000 - 2**32
+
+
+def test_lists_that_run_count_against_what_a_link_carries(node: Node) -> None:
+    made = XcpSession(node.table(), Link(8, 9, frames=1.0))
+    made.answers(b"\xff\x00")
+    for command, *given in (
+        (Cmd.FREE_DAQ,), (Cmd.ALLOC_DAQ, 2), (Cmd.ALLOC_ODT, 0, 1), (Cmd.ALLOC_ODT, 1, 1),
+        (Cmd.ALLOC_ODT_ENTRY, 0, 0, 1), (Cmd.ALLOC_ODT_ENTRY, 1, 0, 1),
+        (Cmd.SET_DAQ_PTR, 0, 0, 0), (Cmd.WRITE_DAQ, 0xFF, 8, 0, 0),
+        (Cmd.SET_DAQ_PTR, 1, 0, 0), (Cmd.WRITE_DAQ, 0xFF, 8, 0, 0),
+        (Cmd.START_STOP_DAQ_LIST, 1, 0),
+    ):  # fmt: skip
+        good(made, command, *given)
+    assert bad(made, Cmd.START_STOP_DAQ_LIST, 1, 1) == Err.DAQ_CONFIG
+
+
+def test_a_block_is_not_gone_on_with_behind_another_command(node: Node) -> None:
+    made = XcpSession(node.table(), Link(8, 8))
+    made.answers(b"\xff\x00")
+    good(made, Cmd.SET_MTA, 0, 16)
+    data = struct.pack("<d", 120.0)
+    assert made.answers(bytes([Cmd.DOWNLOAD, 8]) + data[:6]) == []
+    good(made, Cmd.GET_STATUS)
+    (answer,) = made.answers(bytes([Cmd.DOWNLOAD_NEXT, 2]) + data[6:])
+    assert answer[:2] == bytes([0xFE, Err.SEQUENCE]) and not node.written
 
 
 @pytest.mark.parametrize("packet", [b"\xff\x00", b"\xfe"])

@@ -13,6 +13,7 @@ from pcpc.tools.after.log.readers.account import Account, RecordedFrame
 
 _LONGEST = 1 << 16  # characters of a line: a text without ends is cut there
 _MARKS = ((codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+_DOS_END = "\x1a"  # behind the last line
 NO_END = "the last line has no end, it may be cut"
 
 
@@ -55,7 +56,7 @@ def frames_of_lines(
     """Yield the frames of all lines; a line that cannot be read is noted, and the next is read."""
     for place, (line, has_end) in enumerate(text_lines(file), 1):
         try:
-            frame = parser.frame(line, has_end) if line.strip() else None
+            frame = parser.frame(line, has_end) if line.strip().strip(_DOS_END) else None
         except ValueError as error:
             account.lose(f"line {place}", error)
             continue
