@@ -17,7 +17,7 @@ from pcpc.tools.study.margin.visible import (
     differences,
     is_empty,
     without_unsure,
-)  # fmt: skip
+)
 
 Found = linear.Linear | impulse.Impulse
 _MARGINAL = 1e5  # of |S| beside a pole on the unit circle
