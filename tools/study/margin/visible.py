@@ -116,9 +116,9 @@ def without_below(own: Margins, f_hz: Vector, response: Complex) -> tuple[Margin
     crosses = rises == (first < 1.0)
     nowhere = crosses and math.isinf(own.phase_margin_deg)
     any_peak = nowhere or 1.0 / _CLOSE < first < _CLOSE
-    angle, later = np.angle(response[0]), np.angle(response[2] / response[0])
+    angle, lag_below = np.angle(response[0]), np.angle(response[2] / response[0])
     turn = math.remainder(angle - 0.5 * math.pi * slope, 2.0 * math.pi)
-    is_power = abs(turn) < _TURN and later < _LAG and slope > -1.0 - _LEVEL  # k s^slope, k > 0
+    is_power = abs(turn) < _TURN and lag_below < _LAG and slope > -1.0 - _LEVEL  # k s^slope, k > 0
     unknown = {
         "gain_margin": math.isinf(own.gain_margin) and (first < 1.0 or not rises),
         "gain_reduction": own.gain_reduction == 0.0 and (first > 1.0 or rises),
