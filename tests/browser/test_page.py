@@ -155,6 +155,31 @@ def test_a_gain_changes_the_plant_and_stands_in_the_log(
 TOLD: list[tuple[int, float]] = []
 
 
+def test_undo_shows_its_value_though_a_status_with_it_came_before_the_answer(
+    browser: Browser, host: Host, run: pcpc.Live
+) -> None:
+    """A status tells a value once: one that came while the field was typed on is shown then."""
+    before = run[GAIN]
+    with opened(browser, host) as page:
+        box = parameter(page, GAIN)
+        box.fill("21")
+        box.press("Enter")
+        expect(page.locator("#answer")).to_contain_text("from cycle")
+        wait(page, f"pcpc.side.values.get('{GAIN}') === 21")
+        page.evaluate(
+            "([name, before]) => { const net = pcpc.net, ask = net.ask.bind(net);"
+            " net.ask = async (message) => { const answer = await ask(message);"
+            " while (pcpc.side.values.get(name) !== before)"
+            " await new Promise(requestAnimationFrame);"
+            " return answer; }; }",
+            [GAIN, before],
+        )
+        box.fill("much")
+        page.click("#undo")
+        expect(page.locator("#answer")).to_contain_text("undone")
+        expect(box).to_have_value(f"{before:g}")
+
+
 def test_it_finds_back_after_a_reload_and_a_restart(
     browser: Browser, run: pcpc.Live, tmp_path: Path
 ) -> None:

@@ -134,8 +134,8 @@ export class Side {
     const answer = await this.page.net.ask(message);
     if (answer.why) this.answer(answer.why, "bad");
     else this.answer(`${what}: from cycle ${answer.cycle}`, "good");
-    if (message.do !== "set") { // what was typed since a value was sent stays
-      for (const name of Object.keys(answer.values ?? {})) this.inputs.get(name)?.classList.remove("changed");
+    if (message.do !== "set") { // what was typed since a value was sent stays; a status may have come before this
+      for (const name of Object.keys(answer.values ?? {})) if (this.inputs.has(name)) this.show(name, this.inputs.get(name));
     }
     if (answer.undoes !== undefined) by("undo").disabled = !answer.undoes;
     return answer;
