@@ -279,7 +279,7 @@ def _not_begun(case: Case) -> Iterator[str]:
     rows += [
         (1e-9 * duration_ns(one.from_, zero=True), f"fault.{name}.left", 1)
         for name, one in config.faults.items()
-        if one.from_ is not None
+        if one.from_ is not None and one.times is None  # whose moments are drawn
     ]
     least = min(int(node.cycle[-1]) if len(node.cycle) else 0 for node in log.node.values())
     noted = {(t["cycle"], t["name"]) for node in log.node.values() for t in node.tunings}
