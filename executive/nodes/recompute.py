@@ -25,6 +25,7 @@ from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.sending import request_first_sample
 from pcpc.executive.loop.stalls import forget
 from pcpc.executive.loop.states import State
+from pcpc.executive.loop.supervisor import over
 from pcpc.executive.loop.variables import STATE
 from pcpc.executive.nodes.slices import HEAD, PASSES, STAMP, K
 
@@ -132,7 +133,7 @@ def take_input(n: Loop, recorded: Recording, i: int, k: int) -> None:
     if row[BUS_FAILED] != 0:
         n.guard.faulted = Fault.BUS_FAILED
     waits = n.guard.disarmed != 0 and n.v[STATE] == State.READY  # else its end was asked for
-    if row[ENDS] != 0 and not waits:
+    if row[ENDS] != 0 and not (waits or over(n)):  # which a host's request explains alone
         n.control.stop = 1
 
 

@@ -25,7 +25,7 @@ _OK, _SOME_LOST, _REPEATED, _WRONG, _ERROR, _TAKEN, _FOREIGN, _INJECTED = 0, 1, 
 _REASONS = {"repeated": _REPEATED, "wrong_sequence": _WRONG, "crc_errors": _ERROR}
 _MOST_DELTA, _ON_THE_WAY, _FOREIGN_FRAMES = 4, 3, 3
 _INIT, _READY, _RUN, _HOLD, _FAULT, _STOP = range(6)
-_SILENT = 1
+_SILENT, _NEVER = 1, 1 << 62
 _NO_NUMBER = "nan", "corruption", "payload", "addressing", "masquerade", "forgery", "insertion"
 _LIKELY = {  # faults that a rig or its history has to have: words of its text, any of them
     2: _NO_NUMBER, 8: _NO_NUMBER, 9: _NO_NUMBER, 3: ("stall", "flood", "emulate", "FB_", "CMD_"),
@@ -254,6 +254,7 @@ def _silence(case: Case, role: str, node: NodeLog) -> Iterator[str]:
     for _, word, frame in received(case.world, role):
         fresh &= np.isin(k, _used(_frames_of(node, word, 1))["cycle"]) | ("ms" in frame)
     missing, most = int(not fresh[0]), config.supervisor.fault_after_cycles
+    end = _end_asked(case, node) if role == "executive" else _NEVER
     for i in range(1, len(k)):
         missing = 0 if fresh[i] else missing + 1
         before, now = int(state[i - 1]), int(state[i])
@@ -261,7 +262,7 @@ def _silence(case: Case, role: str, node: NodeLog) -> Iterator[str]:
             yield f"{role}: cycle {k[i]}: {told} cycles without input, not {missing}"
             return
         allowed = {_STOP, _FAULT} if fault[i] else {_STOP, _READY}
-        if before in (_READY, _RUN, _HOLD) and missing >= most:
+        if before in (_READY, _RUN, _HOLD) and missing >= most and k[i] < end:
             allowed = {_FAULT, _STOP}
         elif before in (_RUN, _HOLD) and not fault[i]:
             allowed |= {_HOLD if missing else _RUN}
@@ -270,6 +271,13 @@ def _silence(case: Case, role: str, node: NodeLog) -> Iterator[str]:
         if now not in allowed:
             yield f"{role}: cycle {k[i]}: state {now} behind {before}, {missing} without input"
             return
+
+
+def _end_asked(case: Case, node: NodeLog) -> int:
+    """Return the cycle from which on an executive only waits for safe commands: none is missed."""
+    stops = [t["cycle"] + 1 for t in node.tunings if t["name"] == "supervisor.stop"]
+    passes = [at for _, at, act in case.acts if "stop" in act and at < len(node.cycle)]
+    return min(node.description["cycles"], *stops, *(int(node.cycle[at]) for at in passes), _NEVER)
 
 
 def _not_begun(case: Case) -> Iterator[str]:

@@ -29,7 +29,7 @@ from xcp_master import PATIENCE_S, Measured
 from pcpc.tools.live.xcp.packets import EV_SESSION_TERMINATED, EV_USER
 
 MASTER_ID, SLAVE_ID = 0x7E0, 0x7E1
-ROWS, GAIN = 100, 104.5
+ROWS, GAIN, STARTS_S = 100, 104.5, 15.0
 
 
 class Parts(Measured):
@@ -70,9 +70,11 @@ def download(master: Master, address: int, value: float) -> None:
 
 def connect(master: Master) -> None:
     """Connect to a device that may be starting: what comes before it is on the bus is lost."""
-    for _ in range(10):
+    patience_ns, master.transport.timeout = master.transport.timeout, int(1e9 * STARTS_S)
+    for _ in range(20):
         with suppress(XcpTimeoutError):
             master.connect()
+            master.transport.timeout = patience_ns
             return
     raise TimeoutError("no device answers")
 

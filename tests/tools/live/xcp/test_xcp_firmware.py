@@ -105,9 +105,9 @@ def session(made: Made, target: str, run: Path) -> dict[str, Any]:
         with going_on(*master, str(device.pid), *places) as one:
             assert one.stdout is not None and one.stdout.readline() == "ready\n"
             done = plant(bus, run)
+            assert done.ran and done.summary["device"]["problems"] == [], done
             told = dict(json.loads(one.stdout.read()))
-        assert done.ran, done
-        assert done.summary["device"]["problems"] == [] and device.wait(PATIENCE_S) == 0
+        assert device.wait(PATIENCE_S) == 0
     return told
 
 
