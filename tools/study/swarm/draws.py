@@ -24,7 +24,7 @@ from pcpc.tools.study.swarm.files import (
 from pcpc.tools.study.swarm.histories import acts, faults, ms, schedule
 
 MOST_CYCLES, WRONG_SHARE, MANY_SHARE, PLAIN_SHARE = 600, 0.05, 0.01, 0.25
-TIMES: tuple[int, ...] = (1, 1, 1, 1, 1, 4, 12, 60)  # as many: most histories are short, some long
+TIMES = *[1] * 12, 4, 4, 12, 60  # as many: most histories are short, some long
 PLACES = "branch", "keyframe", "cut", "flip", "sample"  # of promises, each a share of the run
 _LENGTHS = 8, 8, 8, 12, 16, 24, 32, 48, 64
 WRONG: dict[str, tuple[tuple[Any, ...], Any]] = {  # what is wrong: where, and by what
@@ -70,7 +70,7 @@ def _drawn(d: Drawing, world: World, keys: World) -> None:
     d.features.append(f"slow frames each {world['slow_ms']} ms")
     _keyframes(d, world, keys)
     if d.has(MANY_SHARE, "many plants"):
-        count = d.one(5, 16)
+        count = d.one(5, 5, 5, 16)
     else:
         count = 1 if d.has(0.6, "one plant") else d.random.randint(2, 3)
     world["cycles"] //= 4 if count > 3 else 1
