@@ -304,8 +304,9 @@ def _requirements(case: Case) -> Iterator[str]:
     if case.world["around"] is not None or not len(top.cycle):
         return
     whole = top.cycle[-1] + 1 >= top.description["cycles"]
-    ran = whole and not any(
-        node.columns["supervisor.fault"].any() for node in case.log.node.values()
+    ran = whole and not any(  # the last one is in no row where a node gives its wait up
+        node.columns["supervisor.fault"].any() or "fault" in [one["event"] for one in node.events]
+        for node in case.log.node.values()
     )
     both = (case.summary.requirements, ran), (Judge.of(case.rig).requirements(case.log), whole)
     for judged, is_whole in both:
