@@ -10,7 +10,6 @@ does not take waits. The line is opened (O) again and again until it answers, th
 bus go to the device, but its own. A line that does not answer, or takes nothing, is given up.
 """
 
-import contextlib
 import os
 import select
 import signal
@@ -127,13 +126,20 @@ class Bridge:
         self.write(b"".join(line_of(*frame) for frame in self.bus.frames()))
 
     def write(self, text: bytes) -> None:
-        """Write to the line; UserError if it takes nothing."""
+        """Write to the line; UserError if it takes nothing.
+
+        What its other end no longer hears is over; what that said before is still to be read.
+        """
         while text:
             _, ready, _ = select.select((), (self.out,), (), TAKE_S)
             if not ready:
                 self._give_up(f"took nothing for {TAKE_S:g} s")
-            with contextlib.suppress(BlockingIOError):
+            try:
                 text = text[os.write(self.out, text) :]
+            except BlockingIOError:
+                continue
+            except OSError:
+                return
 
     def _give_up(self, what: str) -> NoReturn:
         cure = "start the device, and check that it speaks slcan at this --baud"
@@ -195,9 +201,8 @@ def with_program(bus: Udp | Can, words: Sequence[str]) -> int:
     assert program.stdin is not None and program.stdout is not None, "as asked for"
     bridge = Bridge(bus, program.stdout.fileno(), program.stdin.fileno(), words[0])
     try:
-        with contextlib.suppress(BrokenPipeError):
-            if bridge.open(None):
-                bridge.run()
+        if bridge.open(None):
+            bridge.run()
         return program.wait()
     finally:
         if program.poll() is None:

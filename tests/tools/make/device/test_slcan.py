@@ -291,3 +291,34 @@ def test_a_slow_line_gets_all_that_is_written() -> None:
     assert b"".join(said) == wanted
     for end in (into, never, unread, out):
         os.close(end)
+
+
+class Bus(Silence):
+    """A bus with a frame that is there, and a list of what is put onto it."""
+
+    def __init__(self) -> None:
+        super().__init__(long_frames(1))
+        self.came: list[tuple[Any, ...]] = []
+        self._ready, more = os.pipe()
+        os.write(more, b"1")
+
+    def fileno(self) -> int:
+        """Return what is always ready."""
+        return self._ready
+
+    def put(self, *frame: Any) -> None:
+        self.came.append(frame)
+
+
+def test_what_a_device_said_last_is_carried_though_it_hears_no_more() -> None:
+    """Both ends are ready at once: the bus has a frame for a device that has ended."""
+    (into, says), (hears, out) = os.pipe(), os.pipe()
+    bus: Any = Bus()
+    os.write(says, b"t12320102\rt7011")
+    os.write(says, b"05\r")
+    os.close(says)
+    os.close(hears)
+    slcan.Bridge(bus, into, out, "x").run()
+    assert bus.came == [(0x123, b"\x01\x02", Flag.NONE), (0x701, b"\x05", Flag.NONE)]
+    for end in (into, out):
+        os.close(end)
