@@ -91,13 +91,14 @@ def stand_still(n: Loop, recorded: Recording, i: int) -> int:
     """Begin the next cycle, behind those in which a fault held the node; return the first left."""
     row, done, k = recorded.rows[i], recorded.done, n.k
     stood_still = any_on(n, n.faults.own_stall, n.faults.n_own_stalls)
-    n.clock.behind = row[K] - k
+    behind = row[K] - k
     n.k = row[K]
     n.passes = row[PASSES]
     n.clock.now_ns = n.clock.deadline = row[STAMP]
     n.wire.outbox_put = 0
     if n.passes == 0 and n.meeting.seeks_below != 0:
         request_first_sample(n)
+    n.clock.behind = 0  # as long as a fault holds it
     while stood_still and k < row[K]:
         n.k, n.clock.now_ns = k, row[STAMP] - (row[K] - k) * n.clock.period_ns
         while done[_FRAMES] < row[FRAMES_END] and recorded.heard[done[_FRAMES]] <= k:
@@ -108,9 +109,9 @@ def stand_still(n: Loop, recorded: Recording, i: int) -> int:
         while done[_TUNINGS] < row[TUNINGS_END] and recorded.times[done[_TUNINGS]] <= k:
             tune_next(n, recorded)
         k += 1
-    n.k, n.clock.now_ns = row[K], row[STAMP]
-    if n.clock.behind > 0:
-        push_event(n, Event.SKIP, n.clock.behind, 0.0)
+    n.k, n.clock.now_ns, n.clock.behind = row[K], row[STAMP], behind
+    if behind > 0:
+        push_event(n, Event.SKIP, behind, 0.0)
     return k
 
 

@@ -283,13 +283,13 @@ def _bus(d: Drawing, world: World, keys: World) -> None:
     with_fd = any(frame["fd"] for _, _, frame, *_ in frames_of(world))
     if len(world["plants"]) == 1 and world["rate_hz"] <= 1000 and d.has(0.2, "line"):
         keys["bus"] = {"bitrate": 1000000, "emulate": "1M", "queue": d.random.randint(4, 64)}
-        if with_fd:
-            keys["bus"]["data_bitrate"] = 5000000
         if d.has(0.6, "bit errors"):
             keys["bus"]["bit_error_rate"] = d.one(1e-5, 1e-4, 1e-3)
             keys["bus"]["error_burst"] = d.one(1, 3)
     elif len(world["plants"]) == 1 and d.has(0.06, "drive"):
         _drive(d, world, keys)
+    if with_fd and "bus" in keys:
+        keys["bus"]["data_bitrate"] = 5000000
     if d.has(0.2, "losses"):
         frame = d.one("CMD_1", "FB_1")
         keys["losses"] = {frame: {"share": d.near(0.01, 0.3), "burst": d.one(1, 2, 4)}}
