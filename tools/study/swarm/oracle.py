@@ -84,10 +84,10 @@ def _acted(case: Case, role: str, node: NodeLog) -> Iterator[str]:
     came, least, most = int((node.frames["e2e"] == _FOREIGN).sum()), 0, 0
     noted = {(t["cycle"], t["name"], t["value"]) for t in node.tunings}
     for to, passes, act in case.acts:
-        if to != role or passes >= len(node.cycle):
-            continue
         count, asked = act.get("send", 0), act.get("set", {})
-        most += count
+        most += count * (to == role)
+        if to != role or passes >= len(node.cycle):  # or as it ends, which is in no row
+            continue
         if passes + _ON_THE_WAY < len(node.cycle):
             least += count
             if count >= _FOREIGN_FRAMES and not node.columns["supervisor.fault"][passes:].any():
