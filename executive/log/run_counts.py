@@ -31,7 +31,7 @@ class Absences:
         """Without `waits`, of a drive, an id is missed only once it has come."""
         self._waits = waits
         self._first, self._ran = 0, np.empty(0, np.int64)  # the cycles whose frames may come
-        self._waiting = np.empty((0, 2), np.int64)  # cycle and id of frames ahead of the records
+        self._waiting: list[NDArray[np.int64]] = []  # cycle and id of frames ahead of the records
         self._last: dict[int, int] = {}
         self._longest: dict[int, int] = {}
 
@@ -44,16 +44,18 @@ class Absences:
         word = rows[:, OfFrame.ABOUT]
         used = (word >> 40 & 0xFF != 0) & (word >> 48 & 0xFF <= FrameState.OK_SOME_LOST)
         own = np.column_stack((rows[used, OfFrame.CYCLE], word[used] & 0xFFFFFFFF))
-        self._waiting = np.concatenate((self._waiting, own))
+        self._waiting += [own] * bool(len(own))
         self._count()
         over = int(np.searchsorted(self._ran, rows[-1, OfFrame.CYCLE]))
         self._first, self._ran = self._first + over, self._ran[over:]
 
     def _count(self) -> None:
-        known = self._waiting[:, 0] <= (self._ran[-1] if len(self._ran) else -1)
-        rows, self._waiting = self._waiting[known], self._waiting[~known]
-        if not len(rows):
+        last_ran = self._ran[-1] if len(self._ran) else -1
+        if not self._waiting or self._waiting[0][0, 0] > last_ran:  # in a stall, again and again
             return
+        waiting = np.concatenate(self._waiting)
+        past = int(np.searchsorted(waiting[:, 0], last_ran, side="right"))
+        rows, self._waiting = waiting[:past], [waiting[past:]] * (past < len(waiting))
         # by id, the frames of each in their order
         rows = rows[np.argsort(rows[:, 1], kind="stable")]
         ids, passes = rows[:, 1], self._first + np.searchsorted(self._ran, rows[:, 0])

@@ -6,7 +6,7 @@ periods, as after a stall of the machine.
 """
 
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
-from pcpc.executive.loop.clock import Time, paced
+from pcpc.executive.loop.clock import Time, paced, stopping
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.injection import any_on
 from pcpc.executive.loop.layout import Loop
@@ -17,8 +17,13 @@ from pcpc.executive.loop.tuning import tune
 
 @loop_inline
 def stalled(n: Loop) -> bool:
-    """Return whether this node stands still now; in a replay the record says when it did."""
+    """Return whether this node stands still now; in a replay the record says when it did.
+
+    One that is to end goes on: its commands have to become safe.
+    """
     if n.faults.n_own_stalls == 0 or n.clock.kind == Time.GIVEN:
+        return False
+    if n.k >= n.guard.cycles or stopping(n):
         return False
     return any_on(n, n.faults.own_stall, n.faults.n_own_stalls)
 

@@ -62,8 +62,10 @@ class ActingFault:
         early = int(self.acts_later)
         if self.group == Seam.PEER_STALL and role in PLANTS:
             early = 0
+        stalls = self.group in (Seam.OWN_STALL, Seam.PEER_STALL)  # none outlasts the run
         for start in starts:
-            yield max(start - early, 0), self.place, cycles
+            most = float(max(end - start, 0)) if stalls else FOR_EVER
+            yield max(start - early, 0), self.place, min(cycles, most)
 
 
 def cycles_in(duration: str | None, rate_hz: float) -> int | None:

@@ -9,7 +9,7 @@ from places import ROOT
 
 from pcpc.executive.log import reader
 from pcpc.executive.nodes.plan import plan
-from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.nodes.virtual import VirtualRun, in_memory
 from pcpc.executive.rig.reading import Rig, load_rig
 
 
@@ -60,6 +60,28 @@ def test_more_cycles_than_the_watchdog_waits_are_a_fault(tmp_path: Path) -> None
     low = in_memory(motor(tmp_path, faults, *limits)).node["plant"]
     state = dict(zip(low.cycle.tolist(), low.columns["supervisor.state"].tolist(), strict=True))
     assert [state[k] for k in range(119, 125)] == [2, 2, 3, 3, 4, 4]
+
+
+def test_an_executive_that_stalls_to_the_end_makes_its_command_safe_then(tmp_path: Path) -> None:
+    """It did so for ever: a command with a rate limit was far from safe, and nothing moved it."""
+    faults = "  it: {kind: stall, node: executive, from: 120ms}\n"
+    rig = motor(tmp_path, faults)
+    limited = rig.path.read_text().replace("high: 24.0}", "high: 24.0, rate_per_s: 100.0}")
+    rig.path.write_text(limited)
+    settings = ["duration_s=0.3", "supervisor.fault_after_cycles=500"]  # of a plant that waits
+    top = in_memory(load_rig(rig.path, settings=settings)).node["executive"]
+    assert jumps(top) == [(119, 180)]
+    sent = np.abs(top.columns["tx.CMD.voltage"])
+    assert sent[119] > 1.0 and sent[-1] <= 0.1 + 1e-9, "V; a step of a cycle from safe"
+    assert ((np.diff(sent[120:]) < 0.0) & (np.diff(sent[120:]) >= -0.1 - 1e-9)).all()
+
+
+def test_who_asks_for_the_end_waits_for_no_stall(tmp_path: Path) -> None:
+    faults = "  it: {kind: stall, node: executive, from: 20ms}\n"
+    run = VirtualRun(motor(tmp_path, faults, "duration_s=1000"), None)
+    for _ in run.advance():
+        run.stop()
+    assert run.blocks[0].loop.k < 100_000
 
 
 def test_moments_every_so_often_and_drawn(tmp_path: Path) -> None:
