@@ -64,7 +64,7 @@ def count(n: Loop, state: int, lost: int) -> None:
 def taken_on_purpose(n: Loop) -> bool:
     """Return whether all input that is missing in this cycle was taken by faults on purpose.
 
-    In a replay a cycle's tunings come before: whether the other node stood still is noted.
+    In a replay a cycle's periods pass before: whether the other node stood still is noted.
     """
     stood = n.faults.peer_stood != 0 if n.clock.kind == Time.GIVEN else peer_stalled(n)
     if stood:

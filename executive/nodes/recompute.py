@@ -87,6 +87,17 @@ def tune_next(n: Loop, recorded: Recording) -> None:
 
 
 @loop_function
+def schedule_next(n: Loop, recorded: Recording) -> None:
+    """Let the cycle take the next tuning where it does, behind what the supervisor writes."""
+    row, place = recorded.done[_TUNINGS], n.tuning.n
+    recorded.done[_TUNINGS] += 1
+    n.tuning.schedule[place].cycle = recorded.times[row]
+    n.tuning.schedule[place].place = recorded.tuned[row]
+    n.tuning.value[place] = recorded.values[row]
+    n.tuning.n += 1
+
+
+@loop_function
 def stand_still(n: Loop, recorded: Recording, i: int) -> int:
     """Begin the next cycle, behind those in which a fault held the node; return the first left."""
     row, done, k = recorded.rows[i], recorded.done, n.k
@@ -123,11 +134,16 @@ def take_input(n: Loop, recorded: Recording, i: int, k: int) -> None:
         hear_next(n, recorded)
     n.faults.peer_stood = int64(peer_stalled(n))
     n.rx.started += n.rx.starters * n.faults.peer_stood
+    n.tuning.n = n.tuning.done = 0
     while done[_TUNINGS] < row[TUNINGS_END]:
-        periods = max(recorded.times[done[_TUNINGS]] + 1 - k, 0)
+        time = recorded.times[done[_TUNINGS]]
+        periods = max(time + 1 - k, 0)
         count_down(n, periods)
         k += periods
-        tune_next(n, recorded)
+        if time < row[K] or n.tuning.n == len(n.tuning.schedule):
+            tune_next(n, recorded)
+        else:
+            schedule_next(n, recorded)
     count_down(n, row[K] + 1 - k)
     for j in range(recorded.clocks.shape[0]):
         n.v[recorded.clocks[j]] = recorded.clocked[i, j]
