@@ -60,6 +60,7 @@ def state_of(node: NodeComparison) -> dict[str, bytes]:
     data = np.asarray(loop).tobytes()
     found = {name: data[at : at + size] for name, at, size in leaves(sh.LOOP)}
     del found["control.sent"]  # a replay does not count what was said in the meeting
+    del found["tuning.schedule"], found["tuning.value"]  # what is left of tunings that are done
     kept = [i for i, one in enumerate(made.table.variables) if not one.timing]
     return found | {"v": loop.v[kept].tobytes()}
 
