@@ -51,8 +51,8 @@ class Absences:
 
     def _count(self) -> None:
         last_ran = self._ran[-1] if len(self._ran) else -1
-        if not self._waiting or self._waiting[0][0, 0] > last_ran:  # in a stall, again and again
-            return
+        if not self._waiting or self._waiting[0][0, 0] > last_ran:
+            return  # as long as a node stands still, whose frames grow in number
         waiting = np.concatenate(self._waiting)
         past = int(np.searchsorted(waiting[:, 0], last_ran, side="right"))
         rows, self._waiting = waiting[:past], [waiting[past:]] * (past < len(waiting))

@@ -277,7 +277,7 @@ def _end_asked(case: Case, node: NodeLog) -> int:
     """Return the cycle from which on an executive only waits for safe commands: none is missed."""
     stops = [t["cycle"] + 1 for t in node.tunings if t["name"] == "supervisor.stop"]
     passes = [at for _, at, act in case.acts if "stop" in act and at < len(node.cycle)]
-    return min(node.description["cycles"], *stops, *(int(node.cycle[at]) for at in passes), _NEVER)
+    return min([node.description["cycles"], *stops, *node.cycle[passes].tolist()])
 
 
 def _not_begun(case: Case) -> Iterator[str]:
