@@ -123,6 +123,16 @@ def test_times_beyond_all_clocks_are_left_out(true_log: Path, tmp_path: Path, ou
     every_command(log, true_log, out)
 
 
+def test_of_a_topic_no_message_has_a_time(true_log: Path, tmp_path: Path, out: Path) -> None:
+    parts = log_parts.take_apart(true_log.read_bytes())
+    (state,) = (i for i, c in parts.channels.items() if c.topic == "/state")
+    odd = [(i, n, 2**63 if i == state else at, data) for i, n, at, data in parts.content]
+    count = sum(i == state for i, *_ in odd)
+    changed(true_log, log := tmp_path / "log.mcap", content=odd)
+    assert f"{count} messages of times beyond 2116; left out" in logs.read(log).missing
+    every_command(log, true_log, out)
+
+
 @pytest.mark.parametrize("odd", [1e308, float("nan"), -1e19, float("-inf")])
 def test_a_count_of_passes_that_is_none_is_a_gap(
     odd: float, true_log: Path, tmp_path: Path, out: Path
