@@ -200,10 +200,10 @@ def _kind_of(rig: Rig, key: str, fault: Fault) -> FaultKind:
 
 def _range_of(rig: Rig, fault: Fault, kind: FaultKind) -> tuple[float, float]:
     """Return how large a fault may be."""
-    frames = messages.frames_of_rig(rig, messages.database_of(rig))
-    fd = any(frame.fd and frame.name == fault.frame for frame in frames)
-    if kind is WrongFrame.LENGTH and fd:
-        return 0.0, float(LENGTHS[-1])
+    if kind is WrongFrame.LENGTH:
+        frames = messages.frames_of_rig(rig, messages.database_of(rig))
+        if any(frame.fd and frame.name == fault.frame for frame in frames):
+            return 0.0, float(LENGTHS[-1])
     return kind.row.low, kind.row.high
 
 
@@ -217,13 +217,13 @@ def _check_moments(rig: Rig, key: str, fault: Fault) -> None:
     if fault.every is not None and fault.for_ is None:
         raise rig.error(f"{key}.every", "how long does it last each time? give for as well")
     config = rig.config
-    late = (cycles_in(fault.from_, config.rate_hz) or 0) >= round(
-        config.duration_s * config.rate_hz
-    )
+    past = round(config.duration_s * config.rate_hz)
+    if (cycles_in(fault.from_, config.rate_hz) or 0) < past:
+        return
     shortened, from_is_set = (
         rig.where(path).startswith("--set ") for path in ("duration_s", f"{key}.from")
     )
-    if late and (from_is_set or not shortened):
+    if from_is_set or not shortened:
         end = f"the end of the run at {config.duration_s:g} s"
         raise rig.error(f"{key}.from", f"{fault.from_} is after {end}")
 

@@ -203,11 +203,13 @@ def impossible(held: Sequence[Span], state: bytes) -> str:
 
 def differences(made: Plan, one: bytes, other: bytes) -> Iterator[tuple[str, Any, Any]]:
     """Yield name and both values where two states of a node differ, what was measured aside."""
-    held, variables = held_spans(made), made.table.variables
-    both = zip(fields(held, one), fields(held, other), strict=True)
-    for (record, name, old), (_, _, new) in both:
-        if name in (_MEASURED if record == "control" else ()) or old.tobytes() == new.tobytes():
+    held, variables, past = held_spans(made), made.table.variables, 0
+    for record, name, _, size in held:
+        here, past = slice(past, past + size), past + size
+        if one[here] == other[here] or (record == "control" and name in _MEASURED):
             continue
+        kind = _type_of(record, name).base
+        old, new = (np.frombuffer(state[here], kind) for state in (one, other))
         for i in (i for i in range(len(old)) if old[i].tobytes() != new[i].tobytes()):
             if record:
                 yield f"{record}.{name}[{i}]", old[i].item(), new[i].item()
