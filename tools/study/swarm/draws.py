@@ -24,7 +24,7 @@ from pcpc.tools.study.swarm.files import (
 from pcpc.tools.study.swarm.histories import acts, faults, ms, schedule
 
 MOST_CYCLES, WRONG_SHARE, MANY_SHARE, PLAIN_SHARE = 600, 0.05, 0.01, 0.25
-TIMES = *[1] * 12, 4, 4, 12, 60  # as many: most histories are short, some long
+TIMES = *[1] * 11, 4, 4, 12, 60, 60  # as many: most histories are short, some long
 PLACES = "branch", "keyframe", "cut", "flip", "sample"  # of promises, each a share of the run
 _LENGTHS = 8, 8, 8, 12, 16, 24, 32, 48, 64
 WRONG: dict[str, tuple[tuple[Any, ...], Any]] = {  # what is wrong: where, and by what
@@ -93,7 +93,7 @@ def _drawn(d: Drawing, world: World, keys: World) -> None:
 
 def _keyframes(d: Drawing, world: World, keys: World) -> None:
     """Draw how often there is one: not below 0.1 s."""
-    rate_hz, many = world["rate_hz"], d.one(1, 1, 1, world["cycles"] // 300 + 1)
+    rate_hz, many = world["rate_hz"], d.one(1, 1, 1, min(world["cycles"] // 300 + 1, 10))
     cycles = d.random.randint(10, 300) * (world["cycles"] // 300 + 1) // many
     world["every"] = max(cycles, math.ceil(0.1 * rate_hz))
     keys["record"] = {"keyframe": ms(world, world["every"])}

@@ -27,7 +27,7 @@ def acts(d: Drawing, world: World) -> None:
     if d.has(0.06, "second sender"):
         drawn.append({"send": d.one(1, 2, 3, 5), "node": d.one("executive", "plant")})
     if drawn:  # which wait for the end of a piece: as long as a keyframe's
-        world["every"] = math.ceil(0.1 * world["rate_hz"])
+        world["every"] = math.ceil(max(0.1 * world["rate_hz"], world["cycles"] / 60))
         world["keys"]["record"] = {"keyframe": ms(world, world["every"])}
     last = max(world["cycles"] - world["every"], 1)
     cycles = sorted(d.random.randint(1, last) for _ in drawn)

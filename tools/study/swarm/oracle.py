@@ -359,6 +359,8 @@ def deserved(case: Case) -> tuple[set[str], str]:
         at_most = float((one.always or "").rpartition("<")[2])
         if not (np.abs(top.columns["rx.FB_1.position"]) < at_most).all():
             return sure | {"expectation not met"}, f"{one.always} is violated"
+    if config.require and top.cycle.max(initial=-1) + 1 < top.description["cycles"]:
+        return sure | {"not judged"}, "a stall has skipped the last cycle"
     return sure | {"ok"}, "nothing speaks against it"
 
 

@@ -67,10 +67,11 @@ def differing(one: logs.Log, other: logs.Log) -> Iterator[str]:
 
 def _unlike(one: logs.NodeLog, other: logs.NodeLog) -> int:
     """Return how many frames the other has not."""
-    rows, theirs = (node.frames[_FRAME] for node in (one, other))
-    if rows.tobytes() == theirs[: len(rows)].tobytes():  # as a rule, and much sooner seen
+    rows, theirs = (node.frames[_FRAME].tobytes() for node in (one, other))
+    if theirs.startswith(rows):  # as a rule, and much sooner seen
         return 0
-    return len({*map(bytes, rows)} - {*map(bytes, theirs)})
+    kind = f"V{one.frames.itemsize}"
+    return len({*np.frombuffer(rows, kind).tolist()} - {*np.frombuffer(theirs, kind).tolist()})
 
 
 def columns(one: logs.Log, other: logs.Log, past: int | None = None) -> Iterator[str]:
