@@ -135,14 +135,16 @@ def fields(held: Sequence[Span], state: bytes) -> Iterator[tuple[str, str, Any]]
 
 def let_keep(loop: Loop, held: Sequence[Span], every: int) -> None:
     """Let the loop keep a keyframe every so many passes; 0 for none."""
-    keep, n, past, base = loop.keep, 0, -1, held[0][2]
+    keep, spans, past, base = loop.keep, list[tuple[int, int]](), -1, held[0][2]
     for _, _, offset, size in held:
         if offset == past:
-            keep.span[n - 1].length += size
+            begin, length = spans[-1]
+            spans[-1] = begin, length + size
         else:
-            keep.span[n] = (offset - base, size)
-            n += 1
+            spans.append((offset - base, size))
         past = offset + size
+    n = len(spans)
+    keep.span[:n] = spans
     keep.n, keep.every, keep.next = n, every, every - 1 if every else -1
 
 
