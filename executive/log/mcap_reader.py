@@ -41,6 +41,7 @@ from pcpc.drivers.errors import UserError
 from pcpc.drivers.machine.regular_files import is_being_written, open_regular
 from pcpc.executive.log.inventory import CHUNK_HEAD, Inventory
 from pcpc.executive.log.mcap_records import (
+    ALIKE,
     CHECKED,
     DECLARED,
     FOOTER,
@@ -52,6 +53,7 @@ from pcpc.executive.log.mcap_records import (
     UNREADABLE,
     ForeignMetadata,
     Times,
+    alike,
     places_of,
     read_channel,
     read_schema,
@@ -63,8 +65,6 @@ NONE: Times = (1, 0)
 _TOLD = "variables:"  # metadata that comes before the channel
 _CHUNK_TIMES = Struct("<QQ")  # how a chunk begins
 _NAMES = {kind: Opcode(kind).name.lower() for kind in READERS}
-_ALIKE = 11  # opcode, length and channel: equal for messages of one channel and size
-_RUN = 1024  # messages compared at once; longer runs come in pieces
 _WINDOWS = 1 << 12, 1 << 20  # bytes searched at once for the next whole record: first, at most
 _BYTES, _BYTES_PER_BYTE, _MESSAGES = 16 << 20, 200, 20_000
 _GOES_ON = "it is still being written"
@@ -368,9 +368,9 @@ def _chunk_pieces(data: bytes, scanned: Scan) -> Iterator[Piece]:
             continue
         if size < MESSAGE_HEAD:
             raise ValueError(f"a message of {size} bytes")
-        count = _alike(data, place, size)
+        count = alike(data, place, size)
         rows = np.frombuffer(data, np.uint8, count * size, place).reshape(count, size)
-        channel = int.from_bytes(data[place + RECORD.size : place + _ALIKE], "little")
+        channel = int.from_bytes(data[place + RECORD.size : place + ALIKE], "little")
         place += rows.size
         scanned.count[channel] += len(rows)
         scanned.spend(0, len(rows))
@@ -381,18 +381,6 @@ def _chunk_pieces(data: bytes, scanned: Scan) -> Iterator[Piece]:
         rows = scanned.inventory.new_rows(scanned.topic(channel), rows)
         if len(rows):
             yield channel, rows
-
-
-def _alike(data: bytes, place: int, size: int) -> int:
-    """Return how many messages from `place` on are of one channel and size: of at most _RUN."""
-    head, following = (data[begin : begin + _ALIKE] for begin in (place, place + size))
-    if following != head:
-        return 1
-    most, same = min((len(data) - place) // size, _RUN), True
-    for begin in (place, place + _ALIKE - 8):  # two words that overlap
-        words = np.ndarray(most, "<u8", data, begin, size)
-        same &= words == words[0]
-    return most if same.all() else int(same.argmin())
 
 
 def _compare(scanned: Scan) -> None:

@@ -36,6 +36,8 @@ CRC_KEY = "crc32"
 UNREADABLE = (
     ValueError, struct.error, McapError, zstandard.ZstdError, MemoryError, OverflowError,
 )  # fmt: skip
+ALIKE = 11  # opcode, length and channel: equal for messages of one channel and size
+_RUN = 1024  # messages compared at once; longer runs come in pieces
 LARGEST_CHUNK = 16 << 20  # bytes; ours have 1 MiB, those of other tools usually 4
 CHUNK_INDEX = struct.Struct("<QQQ")  # head of its body: first and last time, place
 DECLARED = struct.Struct("<QQQ")  # head of a chunk's body: first and last time, bytes unpacked
@@ -55,6 +57,18 @@ def message_dtype(payload_bytes: int) -> np.dtype[Any]:
             ("data", "u1", (payload_bytes,)),
         ]
     )
+
+
+def alike(data: bytes, place: int, size: int) -> int:
+    """Return how many messages from `place` on are of one channel and size: of at most _RUN."""
+    head, following = (data[begin : begin + ALIKE] for begin in (place, place + size))
+    if following != head:
+        return 1
+    most, same = min((len(data) - place) // size, _RUN), True
+    for begin in (place, place + ALIKE - 8):  # two words that overlap
+        words = np.ndarray(most, "<u8", data, begin, size)
+        same &= words == words[0]
+    return most if same.all() else int(same.argmin())
 
 
 def metadata_crc(name: str, entries: Mapping[str, str]) -> str:
