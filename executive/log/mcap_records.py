@@ -64,10 +64,11 @@ def alike(data: bytes, place: int, size: int) -> int:
     head, following = (data[begin : begin + ALIKE] for begin in (place, place + size))
     if following != head:
         return 1
-    most, same = min((len(data) - place) // size, _RUN), True
-    for begin in (place, place + ALIKE - 8):  # two words that overlap
-        words = np.ndarray(most, "<u8", data, begin, size)
-        same &= words == words[0]
+    most = min((len(data) - place) // size, _RUN)
+    low, high = (  # two words that overlap
+        np.ndarray(most, "<u8", data, begin, size) for begin in (place, place + ALIKE - 8)
+    )
+    same = (low == low[0]) & (high == high[0])
     return most if same.all() else int(same.argmin())
 
 
